@@ -1,0 +1,94 @@
+// The nouns that pass between the stages of the control cycle: encoder frame → sample → state →
+// disturbance → law → safety → valve frame. Units are in the field names; inside an equation the
+// paper's symbols are used (x, u, v, σ̂). No behaviour stands here.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace eampc::control {
+
+// (θ, θ̇, v): the model with valve states has three, the ideal-valve model uses the first two.
+inline constexpr int kMaxStates = 3;
+// Measured coordinates: θ and, if the encoder sends it, θ̇.
+inline constexpr int kMaxMeasured = 2;
+
+// One classic CAN frame. Error frames and FD frames never get this far.
+struct Frame {
+  std::uint32_t id = 0;  // 11 or 29 bits, without flag bits
+  bool extended = false;
+  bool remote = false;
+  std::uint8_t length = 0;  // 0..8
+  std::array<std::uint8_t, 8> data{};
+};
+
+enum class SampleVerdict : std::uint8_t { kValid, kMissing, kWrongLength, kBadCrc, kDuplicate, kOutOfRange };
+
+// What the encoder said in this cycle. `angle_rad` and `velocity_rad_s` mean something only if valid.
+struct EncoderSample {
+  SampleVerdict verdict = SampleVerdict::kMissing;
+  double angle_rad = 0.0;
+  double velocity_rad_s = 0.0;
+  bool has_velocity = false;
+  std::uint32_t status_raw = 0;
+  std::uint32_t missed_frames = 0;  // counter gap before this frame
+};
+
+struct StateEstimate {
+  std::array<double, kMaxStates> x{};  // θ rad, θ̇ rad/s, v (units of u)
+  double innovation_rad = 0.0;         // measured minus predicted angle; 0 without a measurement
+};
+
+// σ̂ of (14) on (ẋ1, ẋ2); [1] is d̂ in rad/s². `for_law` is what the law reads: bias compensated, filtered.
+struct DisturbanceEstimate {
+  std::array<double, kMaxMeasured> sigma{};
+  std::array<double, kMaxMeasured> for_law{};
+};
+
+struct Reference {
+  double angle_rad = 0.0;
+  double velocity_rad_s = 0.0;
+  double acceleration_rad_s2 = 0.0;
+};
+
+struct LawOutput {
+  double u = 0.0;            // dimensionless control of (1), clipped to the law's range
+  std::int32_t region = -1;  // index of the affine piece
+  bool parameter_clamped = false;
+};
+
+struct ValveVoltages {
+  double u1_V = 0.0;
+  double u2_V = 0.0;
+  bool enable = false;
+};
+
+enum class Mode : std::uint8_t { kInit, kDisarmed, kArming, kActive, kSoftStop, kFault };
+
+// Faults stop the motion. Each names its configuration key in fault_text().
+// The full matrix (design section 6) fills in here: every new cause gets a number, a text and an action.
+enum class Fault : std::uint8_t {
+  kNone = 0,
+  kEncoderTimeout = 1,   // safety.encoder_timeout_s
+  kEncoderInvalid = 2,   // bus.encoder.*: CRC, length or range of every frame within the time-out
+  kNotFinite = 3,        // an estimate or the law gave NaN or infinity
+  kSendFailed = 4,       // the bus refused the command frame
+};
+
+// Limits inform. Bits, so that several may act at once.
+enum Limit : std::uint32_t {
+  kLimitNone = 0,
+  kLimitControlRange = 1u << 0,    // valve.min_V, valve.max_V
+  kLimitSlewRate = 1u << 1,        // valve.slew_max_V_per_s
+  kLimitParameterBox = 1u << 2,    // parameter_box.*
+  kLimitReferenceRange = 1u << 3,  // constraints.angle_max_rad: the reference was clamped
+};
+
+enum class StopAction : std::uint8_t { kSaturate, kSoftStop, kVentRamp, kImmediate };
+
+const char* mode_text(Mode mode) noexcept;
+const char* fault_text(Fault fault) noexcept;  // "encoder time-out (safety.encoder_timeout_s)"
+
+enum class OperatorAction : std::uint8_t { kNone, kArm, kDisarm, kReset };
+
+}  // namespace eampc::control
