@@ -1,0 +1,19 @@
+// The Python module eampc._core: one function per part, each in its bind_*.cpp.
+#include <nanobind/nanobind.h>
+
+namespace eampc::law_design {
+
+void bind_mpqp(nanobind::module_& m);
+void bind_model(nanobind::module_& m);
+void bind_control(nanobind::module_& m);
+void bind_simulation(nanobind::module_& m);
+
+}  // namespace eampc::law_design
+
+NB_MODULE(_core, m) {
+  m.doc() = "Offline core of eampc: model, condensed problem, explicit law, simulated closed loop.";
+  eampc::law_design::bind_mpqp(m);
+  eampc::law_design::bind_model(m);
+  eampc::law_design::bind_control(m);
+  eampc::law_design::bind_simulation(m);
+}
