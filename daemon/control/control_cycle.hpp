@@ -1,12 +1,19 @@
 // One control period, pure: encoder frame in → valve frame out, in the order
 //   encoder_codec → state_estimator → disturbance_estimator → explicit_law → safety → valve_codec.
-// No clock, heap, I/O or throw. Who calls it decides when a period is over and says so by handing in a frame or none.
+// No clock, heap, I/O or throw. Who calls it decides when a period is over and says so by handing
+// in a frame or none.
 #pragma once
 
 #include <cstdint>
 
 #include "control/controller_config.hpp"
+#include "control/disturbance_estimator.hpp"
+#include "control/encoder_codec.hpp"
+#include "control/explicit_law.hpp"
 #include "control/reference_trajectory.hpp"
+#include "control/safety.hpp"
+#include "control/state_estimator.hpp"
+#include "control/valve_codec.hpp"
 
 namespace eampc::control {
 
@@ -37,17 +44,43 @@ struct CycleOutput {
   CycleRecord record;
 };
 
-// The members (one object per stage) are the implementer's; this is the interface the loop, the simulator and
-// the tests rely on.
+// One object per stage. Safety has two halves: who is in charge is settled before the estimators
+// (an operator's edge takes effect in its own cycle), the voltages after the law.
 class ControlCycle {
  public:
   explicit ControlCycle(const ControllerConfig& config) noexcept;  // keeps a reference
 
+  // One call per period. A frame that repeats the last counter does not count as a period the first
+  // time: the record keeps its cycle, the last decision is sent again.
   CycleOutput step(const CycleInput& input) noexcept;
 
   Mode mode() const noexcept;
   // True when SIGTERM may end the process: outputs are at the safe value.
   bool at_rest() const noexcept;
+
+ private:
+  // Beyond any rolling counter of up to 8 bits; a wider one that jumps further has restarted.
+  static constexpr std::uint32_t kLongestCounterGap = 255;
+
+  std::int32_t elapsed_periods(const EncoderSample& sample) noexcept;
+  bool read_reference(double time_s, Reference& reference) const noexcept;
+
+  const ControllerConfig& config_;
+  EncoderCodec encoder_codec_;
+  StateEstimator state_estimator_;
+  DisturbanceEstimator disturbance_estimator_;
+  ExplicitLaw explicit_law_;
+  Safety safety_;
+  ValveCodec valve_codec_;
+
+  ReferenceTrajectory trajectory_;
+  StateEstimate state_;
+  DisturbanceEstimate disturbance_;
+  std::int64_t cycle_ = -1;  // the first period is cycle 0
+  double u_sent_ = 0.0;
+  double u_on_valves_ = 0.0;
+  std::int32_t periods_without_sample_ = 0;
+  std::int32_t duplicates_in_row_ = 0;
 };
 
 }  // namespace eampc::control

@@ -22,9 +22,17 @@ struct Frame {
   std::array<std::uint8_t, 8> data{};
 };
 
-enum class SampleVerdict : std::uint8_t { kValid, kMissing, kWrongLength, kBadCrc, kDuplicate, kOutOfRange };
+enum class SampleVerdict : std::uint8_t {
+  kValid,
+  kMissing,
+  kWrongLength,
+  kBadCrc,
+  kDuplicate,
+  kOutOfRange
+};
 
-// What the encoder said in this cycle. `angle_rad` and `velocity_rad_s` mean something only if valid.
+// What the encoder said in this cycle. `angle_rad` and `velocity_rad_s` mean something only if
+// valid.
 struct EncoderSample {
   SampleVerdict verdict = SampleVerdict::kMissing;
   double angle_rad = 0.0;
@@ -37,9 +45,15 @@ struct EncoderSample {
 struct StateEstimate {
   std::array<double, kMaxStates> x{};  // θ rad, θ̇ rad/s, v (units of u)
   double innovation_rad = 0.0;         // measured minus predicted angle; 0 without a measurement
+  double innovation_rad_s = 0.0;       // the same for the velocity; 0 if the encoder sends none
+  bool measured = false;               // this period had a valid sample
+  bool restarted = false;  // first sample ever, or after a silence longer than the time-out
+  std::int32_t predicted_periods =
+      1;  // periods between the innovation's prediction and the sample before it
 };
 
-// σ̂ of (14) on (ẋ1, ẋ2); [1] is d̂ in rad/s². `for_law` is what the law reads: bias compensated, filtered.
+// σ̂ of (14) on (ẋ1, ẋ2); [1] is d̂ in rad/s². `for_law` is what the law reads: bias compensated,
+// filtered.
 struct DisturbanceEstimate {
   std::array<double, kMaxMeasured> sigma{};
   std::array<double, kMaxMeasured> for_law{};
@@ -53,8 +67,9 @@ struct Reference {
 
 struct LawOutput {
   double u = 0.0;            // dimensionless control of (1), clipped to the law's range
-  std::int32_t region = -1;  // index of the affine piece
+  std::int32_t region = -1;  // index of the affine piece; -1: the law did not run
   bool parameter_clamped = false;
+  bool at_range_end = false;  // u stands at law.u_min or law.u_max
 };
 
 struct ValveVoltages {
@@ -63,16 +78,32 @@ struct ValveVoltages {
   bool enable = false;
 };
 
+// Where a voltage may lie after rounding to the frame's resolution: box and slew limit in one.
+struct VoltageWindow {
+  double lower_V = 0.0;
+  double upper_V = 0.0;
+};
+
+// What safety hands to the valve codec. The voltage sent before lies inside its window, so a
+// representable one exists.
+struct ValveDemand {
+  ValveVoltages voltages;
+  VoltageWindow u1;
+  VoltageWindow u2;
+};
+
 enum class Mode : std::uint8_t { kInit, kDisarmed, kArming, kActive, kSoftStop, kFault };
 
 // Faults stop the motion. Each names its configuration key in fault_text().
-// The full matrix (design section 6) fills in here: every new cause gets a number, a text and an action.
+// The full matrix (design section 6) fills in here: every new cause gets a number, a text and an
+// action.
 enum class Fault : std::uint8_t {
   kNone = 0,
-  kEncoderTimeout = 1,   // safety.encoder_timeout_s
-  kEncoderInvalid = 2,   // bus.encoder.*: CRC, length or range of every frame within the time-out
-  kNotFinite = 3,        // an estimate or the law gave NaN or infinity
-  kSendFailed = 4,       // the bus refused the command frame
+  kEncoderTimeout = 1,  // safety.encoder_timeout_s
+  kEncoderInvalid =
+      2,  // bus.encoder.*: CRC, counter, length or range of every frame within the time-out
+  kNotFinite = 3,   // an estimate or the law gave NaN or infinity
+  kSendFailed = 4,  // the bus refused the command frame
 };
 
 // Limits inform. Bits, so that several may act at once.
@@ -84,10 +115,17 @@ enum Limit : std::uint32_t {
   kLimitReferenceRange = 1u << 3,  // constraints.angle_max_rad: the reference was clamped
 };
 
-enum class StopAction : std::uint8_t { kSaturate, kSoftStop, kVentRamp, kImmediate };
+enum class StopAction : std::uint8_t {
+  kSaturate,   // hold the last voltages for safety.soft_stop_ramp_s, then as kSoftStop
+  kSoftStop,   // ramp both to valve.bias_V, then both to valve.safe_V
+  kVentRamp,   // ramp both to valve.safe_V
+  kImmediate,  // valve.safe_V and enable bit 0 in this very frame
+};
 
 const char* mode_text(Mode mode) noexcept;
 const char* fault_text(Fault fault) noexcept;  // "encoder time-out (safety.encoder_timeout_s)"
+const char* limit_text(Limit limit) noexcept;  // one bit: "slew rate (valve.slew_max_V_per_s)"
+const char* verdict_text(SampleVerdict verdict) noexcept;
 
 enum class OperatorAction : std::uint8_t { kNone, kArm, kDisarm, kReset };
 

@@ -1,10 +1,12 @@
-// Everything the control cycle reads: filled from the law file before real time starts, never written after.
-// Matrices have the size of the largest model; the unused last row and column are zero for ideal valves.
+// Everything the control cycle reads: filled from the law file before real time starts, never
+// written after. Matrices have the size of the largest model; the unused last row and column are
+// zero for ideal valves.
 #pragma once
 
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <limits>
 
 #include "control/control_types.hpp"
 #include "control/point_location.hpp"
@@ -14,12 +16,16 @@ namespace eampc::control {
 // Where one DBC signal lies in its frame. Physical value = raw·factor + offset.
 struct SignalLayout {
   bool present = false;
-  int start_bit = 0;  // as the DBC counts: least significant bit (Intel) or most significant bit (Motorola)
-  int length = 0;     // 1..64
+  int start_bit =
+      0;  // as the DBC counts: least significant bit (Intel) or most significant bit (Motorola)
+  int length = 0;  // 1..64
   bool little_endian = true;
   bool is_signed = false;
   double factor = 1.0;
   double offset = 0.0;
+  // Physical range of the DBC; a measured signal outside it is not believed.
+  double minimum = -std::numeric_limits<double>::infinity();
+  double maximum = std::numeric_limits<double>::infinity();
 };
 
 // SAE J1850 CRC-8 over the data id's low and high byte, then the frame's bytes but the CRC's own.
@@ -62,12 +68,15 @@ using MeasuredMatrix = Eigen::Matrix<double, kMaxMeasured, kMaxMeasured>;
 struct DiscreteModel {
   int order = 2;
   double period_s = 0.005;
+  StateMatrix A = StateMatrix::Zero();  // continuous, for the predictor as printed
+  StateVector B = StateVector::Zero();
   StateMatrix A_star = StateMatrix::Zero();
   StateVector B_star = StateVector::Zero();
-  Eigen::Matrix<double, kMaxStates, kMaxMeasured> D = Eigen::Matrix<double, kMaxStates, kMaxMeasured>::Zero();
-  double b = 0.0;   // rad/s² per unit of u
-  double b1 = 0.0;  // 1/s²
-  double b2 = 0.0;  // 1/s
+  Eigen::Matrix<double, kMaxStates, kMaxMeasured> D =
+      Eigen::Matrix<double, kMaxStates, kMaxMeasured>::Zero();
+  double b = 0.0;                      // rad/s² per unit of u
+  double b1 = 0.0;                     // 1/s²
+  double b2 = 0.0;                     // 1/s
   double valve_time_constant_s = 0.0;  // 0: ideal
 };
 
@@ -75,13 +84,15 @@ enum class EstimatorKind : std::uint8_t { kAdaptive, kKalman };
 
 struct EstimatorConfig {
   EstimatorKind kind = EstimatorKind::kAdaptive;
-  double decay = 1.0;  // e^{−aT} of (13), (14)
+  double decay = 1.0;                                 // e^{−aT} of (13), (14)
   MeasuredMatrix D_inverse = MeasuredMatrix::Zero();  // inverse of D on the measured coordinates
   bool bias_compensation = true;
   // d̂ ← d̂ + α (new − d̂); 1 switches the low-pass off.
   double low_pass_alpha = 1.0;
   // Predictor of (13) integrated with x held over the period, as printed (for `reproduce`).
   bool as_printed = false;
+  double held_integral_s =
+      0.0;  // (1 − e^{−aT})/a, so Φ(T) of (14) = decay/held_integral_s; as_printed only
   // Steady-state Kalman gains on (θ, θ̇) and d per rad of innovation; v is propagated.
   std::array<double, 2> kalman_state_gain{};
   double kalman_disturbance_gain = 0.0;

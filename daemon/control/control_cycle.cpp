@@ -1,0 +1,109 @@
+#include "control/control_cycle.hpp"
+
+#include <algorithm>
+
+namespace eampc::control {
+
+ControlCycle::ControlCycle(const ControllerConfig& config) noexcept
+    : config_(config),
+      encoder_codec_(config.encoder),
+      state_estimator_(config),
+      disturbance_estimator_(config),
+      explicit_law_(config),
+      safety_(config),
+      valve_codec_(config.valve_command) {}
+
+Mode ControlCycle::mode() const noexcept { return safety_.state().mode; }
+
+bool ControlCycle::at_rest() const noexcept {
+  const Mode now = mode();
+  return now == Mode::kInit || now == Mode::kDisarmed || now == Mode::kFault;
+}
+
+std::int32_t ControlCycle::elapsed_periods(const EncoderSample& sample) noexcept {
+  if (sample.verdict == SampleVerdict::kDuplicate) {
+    // The bus may repeat a frame once, and no period passed; an encoder that repeats itself for
+    // longer is frozen.
+    ++duplicates_in_row_;
+    if (duplicates_in_row_ == 1) {
+      return 0;
+    }
+    ++periods_without_sample_;
+    return 1;
+  }
+  duplicates_in_row_ = 0;
+  if (sample.verdict != SampleVerdict::kValid) {
+    ++periods_without_sample_;
+    return 1;
+  }
+  // Frames that the counter misses and that no empty period was reported for.
+  const auto lost =
+      static_cast<std::int32_t>(std::min<std::uint32_t>(sample.missed_frames, kLongestCounterGap));
+  const std::int32_t unreported = std::max(0, lost - periods_without_sample_);
+  periods_without_sample_ = 0;
+  return 1 + unreported;
+}
+
+CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
+  if (input.new_reference != nullptr) {
+    trajectory_ = *input.new_reference;
+  }
+  const EncoderSample sample = encoder_codec_.decode(input.encoder_frame);
+  const std::int32_t elapsed = elapsed_periods(sample);
+  const SafetyState charge =
+      safety_.advance({sample.verdict, input.action, input.send_failed, elapsed});
+  cycle_ += elapsed;
+
+  // A refused command left the one before it on the valves.
+  u_on_valves_ = input.send_failed ? u_on_valves_ : u_sent_;
+  for (std::int32_t period = 0; period < elapsed; ++period) {
+    disturbance_estimator_.predict(u_on_valves_);
+    state_estimator_.predict(u_on_valves_, disturbance_estimator_.for_prediction());
+  }
+  if (charge.entered_active) {
+    disturbance_estimator_.enter_active();
+  }
+
+  CycleOutput output;
+  CycleRecord& record = output.record;
+  record.cycle = std::max<std::int64_t>(cycle_, 0);
+  record.scenario_time_s = charge.scenario_time_s;
+  record.sample = sample;
+  if (elapsed > 0) {
+    state_ = state_estimator_.correct(sample);
+    disturbance_ = disturbance_estimator_.update(state_);
+  }
+  record.state = state_;
+  record.disturbance = disturbance_;
+
+  const bool reference_clamped =
+      read_reference(std::max(0.0, charge.scenario_time_s), record.reference);
+  if (charge.mode == Mode::kActive) {
+    record.law = explicit_law_.decide(record.state, record.disturbance, record.reference);
+  }
+  const SafetyDecision decision = safety_.decide(record.state, record.disturbance, record.law);
+  const EncodedCommand command = valve_codec_.encode(decision.demand);
+  safety_.sent(command.sent);
+  u_sent_ = command.sent.enable
+                ? (command.sent.u1_V - command.sent.u2_V) / (2.0 * config_.valve.control_gain_V)
+                : 0.0;
+
+  output.command = command.frame;
+  record.valves = command.sent;
+  record.mode = safety_.state().mode;
+  record.fault = safety_.state().fault;
+  record.limits = decision.limits | (reference_clamped ? kLimitReferenceRange : kLimitNone);
+  return output;
+}
+
+bool ControlCycle::read_reference(double time_s, Reference& reference) const noexcept {
+  const LawConfig& law = config_.law;
+  if (law.formulation == Formulation::kPaper && !law.reference_is_parameter) {
+    reference = {law.fixed_reference_rad, 0.0, 0.0};
+    return false;
+  }
+  reference = reference_at(trajectory_, time_s);
+  return clamp_reference(reference, config_.safety.reference_angle_max_rad);
+}
+
+}  // namespace eampc::control
