@@ -45,9 +45,9 @@ class Place:
 
 def find_place(request: RunRequest) -> Place:
     ip = program("ip", "iproute2")
-    refusal = "unshare is refused"
     unshare = program("unshare", "util-linux")
     user = [] if os.geteuid() == 0 else ["--user", "--map-current-user", "--keep-caps"]
+    refusal = ""
     for options in (["--mount-proc"], []):
         namespaces = [unshare, *user, "--net", "--pid", "--fork", "--kill-child=SIGKILL", *options]
         prefix = [*namespaces, "/bin/sh", "-c", _NAMESPACE_SCRIPT, "sh", ip, str(request.buses)]
@@ -65,7 +65,8 @@ def _host_place(ip: str, buses: int, refusal: str) -> Place:
             refused = _try([ip, "link", "add", "dev", name, "type", "vcan"])
             if refused is not None:
                 _undo(undo)
-                raise BackendMissing(f"this kernel gives no vcan ({refused}; {refusal})")
+                reasons = "; ".join(dict.fromkeys([refused, refusal]))
+                raise BackendMissing(f"this kernel gives no vcan ({reasons})")
             undo.append([ip, "link", "delete", name])
         refused = None if _is_up(ip, name) else _try([ip, "link", "set", name, "mtu", "72", "up"])
         if refused is not None:
@@ -89,7 +90,8 @@ def _try(argv: list[str]) -> str | None:
     done = subprocess.run(argv, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     if done.returncode == 0:
         return None
-    return (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1].rstrip(".")
+    last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+    return last.removeprefix("Error: ").rstrip(".")
 
 
 def run(request: RunRequest, place: Place) -> int | None:

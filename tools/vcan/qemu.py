@@ -53,7 +53,10 @@ def _stock_kernel() -> Path:
 
 def _depends(package: str) -> list[str]:
     shown = subprocess.run(
-        ["apt-cache", "depends", "--important", package], capture_output=True, text=True
+        ["apt-cache", "depends", "--important", package],
+        env={**os.environ, "LC_ALL": "C.UTF-8"},
+        capture_output=True,
+        text=True,
     )
     names = re.findall(r"Depends: (linux-(?:image|modules|modules-extra)-\d\S*)", shown.stdout)
     return [name for name in names if "unsigned" not in name]

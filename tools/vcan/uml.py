@@ -6,7 +6,6 @@ suits functional tests and no latency figures.
 
 import os
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -63,8 +62,7 @@ def prepare(request: RunRequest, run_dir: Path, fds: list[int]) -> Emulator:
 def _pid_namespace() -> list[str]:
     """In a PID namespace the kernel's helper processes cannot outlive it."""
     user = [] if os.geteuid() == 0 else ["--user", "--map-current-user"]
-    unshare = [shutil.which("unshare") or "unshare", *user]
-    unshare += ["--pid", "--fork", "--kill-child=SIGKILL"]
+    unshare = [program("unshare", "util-linux"), *user, "--pid", "--fork", "--kill-child=SIGKILL"]
     allowed = subprocess.call([*unshare, "true"], stderr=subprocess.DEVNULL) == 0
     return unshare if allowed else []
 
