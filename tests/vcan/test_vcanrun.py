@@ -6,6 +6,7 @@ be had fails here: that is the finding, not a reason to skip.
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -240,3 +241,27 @@ def test_native_backend_inside_a_kernel_that_has_vcan(tmp_path):
     assert (done.returncode, done.stderr) == (9, "")
     assert done.stdout.startswith("native\n")
     assert "vcan1: <NOARP,UP,LOWER_UP>" in done.stdout
+
+
+def test_native_backend_without_namespaces_ends_the_daemons_of_the_command(tmp_path):
+    """A container may forbid unshare: then the bus of the host is used, and taken away again."""
+    refusing = tmp_path / "unshare"
+    refusing.write_text("#!/bin/sh\nexit 1\n")
+    refusing.chmod(0o755)
+    inner = [sys.executable, str(RUNNER), "--backend", "native", "--buses", "2", "--verbose", "--"]
+    script = f"""
+        PATH={shlex.quote(str(tmp_path))}:$PATH {shlex.join(inner)} \\
+            sh -c 'ip -o link show vcan1; setsid sleep 987654 & exit 9'
+        echo status $?
+        grep -lz '98765[4]' /proc/[0-9]*/cmdline | grep -v "/$$/"
+        ip -o link show vcan1 2>&1
+        ip -o link show vcan0
+    """
+    done = run("sh", "-c", script, cwd=tmp_path)
+
+    lines = done.stdout.splitlines()
+    assert "namespaces are refused" in done.stderr
+    assert "vcan1: <NOARP,UP,LOWER_UP>" in lines[0]
+    assert lines[1] == "status 9"
+    assert lines[2] == 'Device "vcan1" does not exist.'
+    assert "vcan0: <NOARP,UP,LOWER_UP>" in lines[3]

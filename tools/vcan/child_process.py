@@ -1,7 +1,7 @@
 """Start, wait for and end the one child of the runner.
 
 The child leads a session and process group of its own and dies with the runner (PDEATHSIG);
-SIGINT, SIGTERM, SIGHUP and time limits end the wait, and leaving the block kills the group.
+SIGINT, SIGTERM, SIGHUP and time limits end the wait; end() leaves none of its processes.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from vcan.guardian import Guardian
 
@@ -27,7 +28,7 @@ def _die_with_parent() -> None:
 class ChildProcess:
     def __init__(self, argv: list[str], guardian: Guardian, **popen):
         self.caught: int | None = None
-        # Orphans of the child come to the runner, so that none is left when it returns.
+        # Where there is no PID namespace, daemons of the child come to the runner: see end().
         _libc.prctl(PR_SET_CHILD_SUBREAPER, 1)
         self._wake_read, wake_write = os.pipe()
         os.set_blocking(wake_write, False)
@@ -42,6 +43,7 @@ class ChildProcess:
             **popen,
         )
         guardian.watch(self._process.pid)
+        self._guardian_pid = guardian.pid
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._wake_read, selectors.EVENT_READ, None)
 
@@ -81,3 +83,18 @@ class ChildProcess:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
+        while orphans := _children() - {self._guardian_pid}:
+            for pid in orphans:
+                os.kill(pid, signal.SIGKILL)
+                os.waitpid(pid, 0)
+
+
+def _children() -> set[int]:
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            # proc(5): pid (name) state ppid; the name may hold anything, brackets too.
+            _, ppid = stat.read_text(errors="replace").rpartition(")")[2].split()[:2]
+            if int(ppid) == os.getpid():
+                found.add(int(stat.parent.name))
+    return found

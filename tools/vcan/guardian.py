@@ -19,8 +19,8 @@ KILL_PAUSE_S = 0.05
 class Guardian:
     def __init__(self, run_dir: Path, undo: list[list[str]] | None = None):
         read_end, self._write_end = os.pipe()
-        self._pid = os.fork()
-        if self._pid == 0:
+        self.pid = os.fork()
+        if self.pid == 0:
             try:
                 os.close(self._write_end)
                 _detach(read_end)
@@ -35,7 +35,7 @@ class Guardian:
     def finish(self) -> None:
         """Let it clean up and wait until it has."""
         os.close(self._write_end)
-        os.waitpid(self._pid, 0)
+        os.waitpid(self.pid, 0)
 
 
 def _detach(keep_fd: int) -> None:
