@@ -249,9 +249,15 @@ def test_native_backend_without_namespaces_ends_the_daemons_of_the_command(tmp_p
     refusing.write_text("#!/bin/sh\nexit 1\n")
     refusing.chmod(0o755)
     inner = [sys.executable, str(RUNNER), "--backend", "native", "--buses", "2", "--verbose", "--"]
+    # The daemon has left the process group before the command ends.
+    command = """
+        ip -o link show vcan1
+        setsid sh -c 'touch away; exec sleep 987654' &
+        until [ -e away ]; do sleep 0.05; done
+        exit 9
+    """
     script = f"""
-        PATH={shlex.quote(str(tmp_path))}:$PATH {shlex.join(inner)} \\
-            sh -c 'ip -o link show vcan1; setsid sleep 987654 & exit 9'
+        PATH={shlex.quote(str(tmp_path))}:$PATH {shlex.join([*inner, "sh", "-c", command])}
         echo status $?
         grep -lz '98765[4]' /proc/[0-9]*/cmdline | grep -v "/$$/"
         ip -o link show vcan1 2>&1
