@@ -1,0 +1,1 @@
+"""The rig on the bus without the rig: muscles, valves, joint and encoder, emulated."""

@@ -1,0 +1,184 @@
+"""How periods follow each other: in real time on an absolute grid, or in lock-step."""
+
+from __future__ import annotations
+
+import heapq
+import math
+import threading
+import time
+from dataclasses import dataclass
+
+import can
+
+from plant_emulator.emulator_error import EmulatorError
+from plant_emulator.joint_node import JointNode
+from plant_emulator.truth_log import TruthRow
+
+ANSWER_LIMIT_S = 5.0  # lock-step: how long a daemon may take for one answer
+_WAIT_SLICE_S = 0.1  # how late a request to stop may be noticed
+_BUS_PAUSE_S = 0.001  # before a bus that failed is asked again
+
+
+@dataclass(slots=True)
+class PacingCounts:
+    """What happened to the grid and the bus."""
+
+    overruns: int = 0  # frames that could not go out on their instant
+    send_errors: int = 0
+    receive_errors: int = 0
+
+
+class Pacing:
+    """What both ways share: the bus, the request to stop, the counts."""
+
+    def __init__(self, bus: can.BusABC, node: JointNode, stop: threading.Event) -> None:
+        self._bus = bus
+        self._node = node
+        self._stop = stop
+        self.counts = PacingCounts()
+        while bus.recv(0.0) is not None:  # frames from before the run are not answers
+            pass
+
+
+class LockStep(Pacing):
+    """Sends frame k, waits for one command per encoder frame sent, steps exactly one period.
+
+    A delayed encoder frame goes out whole periods later, before that period's own frame.
+    """
+
+    def __init__(self, bus: can.BusABC, node: JointNode, stop: threading.Event) -> None:
+        super().__init__(bus, node, stop)
+        self._delayed: dict[int, list[bytes]] = {}
+
+    def exchange(self, frame: int) -> TruthRow | None:
+        """Run one period; return its truth, or None if the run was asked to stop.
+
+        Raises EmulatorError if the bus fails or no answer comes within ANSWER_LIMIT_S.
+        """
+        node = self._node
+        for message in node.begin_frame(frame):
+            self._send(message)
+        due = self._delayed.pop(frame, [])
+        for delivery in node.encoder_deliveries():
+            if delivery.delay_s > 0.0:
+                periods = max(1, round(delivery.delay_s / node.period_s))
+                self._delayed.setdefault(frame + periods, []).append(delivery.data)
+            else:
+                due.append(delivery.data)
+        sent_s = answered_s = math.nan
+        for data in due:
+            sent_s = time.monotonic()
+            self._send(node.encoder_message(data))
+            if not self._await_answer(frame):
+                return None
+            answered_s = time.monotonic()
+        return node.end_frame(sent_s, answered_s)
+
+    def _send(self, message: can.Message) -> None:
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise EmulatorError(f"the bus does not take frames: {_reason(error)}") from None
+
+    def _await_answer(self, frame: int) -> bool:
+        limit = time.monotonic() + ANSWER_LIMIT_S
+        while not self._stop.is_set():
+            left = limit - time.monotonic()
+            if left <= 0.0:
+                raise EmulatorError(
+                    f"no valve command answered encoder frame {frame} within {ANSWER_LIMIT_S:g} s; "
+                    "is a daemon in lock-step on this bus?"
+                )
+            try:
+                message = self._bus.recv(min(left, _WAIT_SLICE_S))
+            except (can.CanError, OSError) as error:
+                raise EmulatorError(f"the bus cannot be read: {_reason(error)}") from None
+            if message is not None and self._node.receive(message, 0.0):
+                return True
+        return False
+
+
+class RealTime(Pacing):
+    """Sends frame k at start + k T of CLOCK_MONOTONIC; a late frame goes out at once, is counted,
+    and the grid stays. A command acts from the instant it arrives; the plant is integrated shortly
+    before the next frame. A bus that fails loses frames, as a real node would.
+    """
+
+    # Share of the period kept for integrating the plant: about 0.1 ms of work for 5 ms.
+    INTEGRATION_SHARE = 0.1
+
+    def __init__(self, bus: can.BusABC, node: JointNode, stop: threading.Event) -> None:
+        super().__init__(bus, node, stop)
+        self._start_s = 0.0
+        self._delayed: list[tuple[float, int, bytes]] = []
+        self._order = 0
+
+    def exchange(self, frame: int) -> TruthRow | None:
+        """Run one period; return its truth, or None if the run was asked to stop."""
+        node, period_s = self._node, self._node.period_s
+        if frame == 0:
+            self._start_s = time.monotonic() + period_s
+        instant_s = self._start_s + frame * period_s
+        late_s = time.monotonic() - instant_s
+        if late_s < 0.0:
+            time.sleep(-late_s)
+        elif frame > 0:
+            self.counts.overruns += 1
+        if self._stop.is_set():
+            return None
+        for message in node.begin_frame(frame):
+            self._send(message)
+        sent_s = math.nan
+        for delivery in node.encoder_deliveries():
+            if delivery.delay_s > 0.0:
+                self._order += 1
+                due = (instant_s + delivery.delay_s, self._order, delivery.data)
+                heapq.heappush(self._delayed, due)
+                continue
+            now_s = time.monotonic()
+            sent_s = now_s if math.isnan(sent_s) else sent_s
+            self._send(node.encoder_message(delivery.data))
+        answered_s = self._listen(instant_s)
+        return node.end_frame(sent_s, answered_s)
+
+    def _listen(self, instant_s: float) -> float:
+        node, period_s = self._node, self._node.period_s
+        end_s = instant_s + period_s * (1.0 - self.INTEGRATION_SHARE)
+        answered_s = math.nan
+        while True:
+            now_s = time.monotonic()
+            while self._delayed and self._delayed[0][0] <= now_s:
+                self._send(node.encoder_message(heapq.heappop(self._delayed)[2]))
+            left_s = end_s - now_s
+            if self._delayed:
+                left_s = min(left_s, max(0.0, self._delayed[0][0] - now_s))
+            # A period that has run out still empties the queue: a command may wait there.
+            message = self._receive(max(0.0, left_s))
+            now_s = time.monotonic()
+            if message is None:
+                if now_s >= end_s:
+                    return answered_s
+                continue
+            if node.receive(message, min(max(now_s - instant_s, 0.0), period_s)):
+                answered_s = now_s if math.isnan(answered_s) else answered_s
+            if now_s >= instant_s + period_s:
+                return answered_s
+
+    def _send(self, message: can.Message) -> None:
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError):
+            self.counts.send_errors += 1
+
+    def _receive(self, timeout_s: float) -> can.Message | None:
+        try:
+            return self._bus.recv(timeout_s)
+        except (can.CanError, OSError):
+            self.counts.receive_errors += 1
+            time.sleep(_BUS_PAUSE_S)
+            return None
+
+
+def _reason(error: Exception) -> str:
+    cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+    return getattr(cause, "strerror", None) or " ".join(str(error).split())
