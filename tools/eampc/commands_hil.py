@@ -1,0 +1,264 @@
+"""`eampc hil` and `eampc demo`: the closed loop of daemon and emulated rig, judged against the
+rig's tolerances.
+"""
+
+import importlib.metadata
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from eampc.user_error import UserError
+
+DEFAULT_MULTICAST = "udp_multicast:239.74.163.2:43113"
+# A pipe has no width; the table of figures needs this much.
+PIPE_WIDTH = 130
+
+RigArgument = Annotated[
+    Path, typer.Argument(metavar="RIG", help="Rig folder, or its rig.toml.", show_default=True)
+]
+ScenarioOption = Annotated[
+    str,
+    typer.Option("--scenario", metavar="NAME|all", help="Scenario of the rig file, or all."),
+]
+VariantOption = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="Variant of the rig file.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change one key of the rig file for this run; repeatable.",
+    ),
+]
+SetEmulatorOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set-emulator",
+        metavar="KEY=VALUE",
+        help="Change one key of the emulated rig only: a model error; repeatable.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Report folder. Default: reports/RIG[-VARIANT]."),
+]
+LawOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--law", metavar="FILE", help="Law file. Default: designed once, kept in ~/.cache/eampc."
+    ),
+]
+LcmOption = Annotated[
+    str | None,
+    typer.Option("--lcm-url", metavar="URL|none", help="Telemetry. Default: the rig file's."),
+]
+CandumpOption = Annotated[
+    Path | None,
+    typer.Option("--candump", metavar="FILE", help="Record the bus in the format of candump -L."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    app.command(
+        epilog="Example: eampc hil rigs/reference --scenario all "
+        "--bus udp_multicast:239.74.163.2:43113 --out reports/today"
+    )(hil)
+    app.command(epilog="Example: eampc demo rigs/reference")(demo)
+
+
+def hil(
+    rig: RigArgument,
+    scenario: ScenarioOption = "all",
+    bus: Annotated[
+        str,
+        typer.Option(
+            "--bus", metavar="URL", help="socketcan:vcan0 or udp_multicast:239.74.163.2:43113."
+        ),
+    ] = DEFAULT_MULTICAST,
+    variant: VariantOption = None,
+    changes: SetOption = None,
+    emulator_changes: SetEmulatorOption = None,
+    out: OutOption = None,
+    law: LawOption = None,
+    lockstep: Annotated[
+        bool,
+        typer.Option(
+            "--lockstep/--real-time",
+            help="As fast as the bus goes and the same every time, or at the rig's rate.",
+        ),
+    ] = True,
+    lcm_url: LcmOption = None,
+    candump: CandumpOption = None,
+) -> None:
+    """Run daemon and emulated rig together, write a report; exit 0 only if the rig's tolerances
+    hold.
+    """
+    passed = _run(
+        rig_path=rig,
+        scenario=scenario,
+        bus_url=bus,
+        variant=variant,
+        changes=tuple(changes or ()),
+        emulator_changes=tuple(emulator_changes or ()),
+        out=out,
+        law=law,
+        lockstep=lockstep,
+        lcm_url=lcm_url,
+        candump=candump,
+    )
+    if not passed:
+        raise typer.Exit(1)
+
+
+def demo(
+    rig: RigArgument = Path("rigs/reference"),
+    scenario: ScenarioOption = "all",
+    variant: VariantOption = None,
+    out: OutOption = None,
+    law: LawOption = None,
+    lockstep: Annotated[
+        bool,
+        typer.Option("--lockstep/--real-time", help="Real time, or as fast as the bus goes."),
+    ] = False,
+    lcm_url: LcmOption = None,
+) -> None:
+    """The whole loop in real time on the best bus this machine has; says which, and why."""
+    from eampc.hil.bus_choice import choose_bus
+
+    choice = choose_bus(DEFAULT_MULTICAST)
+    typer.echo(f"bus: {choice.url}, because {choice.reason}")
+    passed = _run(
+        rig_path=rig,
+        scenario=scenario,
+        bus_url=choice.url,
+        variant=variant,
+        changes=(),
+        emulator_changes=(),
+        out=out,
+        law=law,
+        lockstep=lockstep,
+        lcm_url=lcm_url,
+        candump=None,
+    )
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _run(
+    *,
+    rig_path: Path,
+    scenario: str,
+    bus_url: str,
+    variant: str | None,
+    changes: tuple[str, ...],
+    emulator_changes: tuple[str, ...],
+    out: Path | None,
+    law: Path | None,
+    lockstep: bool,
+    lcm_url: str | None,
+    candump: Path | None,
+) -> bool:
+    """True if every scenario met the rig's tolerances."""
+    from eampc_rig import load_rig, parse_bus_url, parse_override
+
+    from eampc.hil.bus_log import BusLog
+    from eampc.hil.law_choice import cached_law, checked_law
+    from eampc.hil.processes import daemon_program, ended_by_signal
+    from eampc.hil.report import Circumstances, terminal_table, unmet, write_report
+    from eampc.hil.report_folder import make_folder
+    from eampc.hil.run import RunSettings, run_scenario
+
+    overrides = dict(parse_override(change) for change in changes)
+    loaded = load_rig(rig_path, variant, overrides)
+    # The emulator would say the same of a bad key, but only after the daemon is up.
+    load_rig(rig_path, variant, {**overrides, **dict(parse_override(c) for c in emulator_changes)})
+    names = _scenario_names(loaded, scenario)
+    parse_bus_url(bus_url)
+    daemon_program()
+    console = _console()
+    law_path = checked_law(law, loaded) if law else cached_law(loaded, console)
+    folder = make_folder(
+        out or Path("reports") / "-".join(filter(None, (loaded.rig.name, variant)))
+    )
+    settings = RunSettings(
+        rig_path=rig_path,
+        variant=variant,
+        overrides=changes,
+        emulator_overrides=emulator_changes,
+        bus_url=bus_url,
+        lockstep=lockstep,
+        law=law_path,
+        lcm_url=lcm_url or loaded.telemetry.lcm_url,
+    )
+    runs = []
+    with ended_by_signal(), ExitStack() as stack:
+        if candump:
+            stack.enter_context(BusLog(bus_url, candump))
+        progress = stack.enter_context(_progress())
+        for name in names:
+            task = progress.add_task(name, total=1.0)
+            runs.append(
+                run_scenario(
+                    loaded,
+                    name,
+                    settings,
+                    folder / name,
+                    lambda done, task=task: progress.update(task, completed=done),
+                )
+            )
+        drawing = progress.add_task("report", total=None)
+        page = write_report(
+            loaded,
+            runs,
+            Circumstances(
+                rig_name=loaded.rig.name,
+                variant=variant,
+                changes=changes,
+                emulator_changes=emulator_changes,
+                bus_url=bus_url,
+                lockstep=lockstep,
+                law=law_path,
+                inputs_sha256=loaded.inputs_sha256,
+                version=importlib.metadata.version("eampc"),
+            ),
+            folder,
+        )
+        progress.update(drawing, total=1.0, completed=1.0)
+    console.print(terminal_table(loaded, runs))
+    for run in runs:
+        for sentence in unmet(run):
+            console.print(f"not met: {sentence}")
+    console.print(f"report: {page}")
+    return all(run.assessment.passed for run in runs)
+
+
+def _scenario_names(rig: Any, wanted: str) -> list[str]:
+    if wanted == "all" and rig.scenarios:
+        return list(rig.scenarios)
+    if wanted not in rig.scenarios:
+        there = ", ".join(rig.scenarios) or "none"
+        raise UserError(f"{rig.file}: there is no scenario {wanted!r}; it has {there}")
+    return [wanted]
+
+
+def _console() -> Console:
+    terminal = sys.stdout.isatty()
+    return Console(highlight=False, soft_wrap=not terminal, width=None if terminal else PIPE_WIDTH)
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description:8}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )

@@ -1,0 +1,196 @@
+"""One scenario through the real daemon and bus: start, reference, arm, run, disarm, stop, read the
+logs.
+
+Times of the run are counted in encoder frames, so that a lock-step run has no wall clock in it: the
+daemon is armed at cycle ARM_CYCLE, becomes ACTIVE when the arming ramp is over (scenario time 0),
+is disarmed when the scenario's duration is over, and the emulator feeds it until the valves are at
+rest again.
+"""
+
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from eampc_rig import Rig
+
+from eampc.hil.assessment import Assessment, assess
+from eampc.hil.processes import (
+    Ensemble,
+    Process,
+    daemon_program,
+    emulator_command,
+    raise_priority,
+)
+from eampc.hil.recording import RECORD_COLUMNS, TRUTH_COLUMNS, Recording, read_recording
+from eampc.hil.scenario_reference import reference_angle, send_reference
+from eampc.operator_client import OperatorClient
+from eampc.user_error import RunFailed
+
+# Frames before arming: the estimator settles on the resting joint and the operator's commands are
+# in.
+REFERENCE_CYCLE, ARM_CYCLE = 10, 20
+# Frames after the soft stop, so that its end is in the logs.
+REST_S = 0.1
+# Slowest lock-step seen: 500 cycles/s in user-mode Linux; a loaded machine gets ten times that.
+LOCKSTEP_LIMIT_S_PER_FRAME = 0.02
+START_LIMIT_S = 120.0
+# Below the daemon's default priority; the emulator plays hardware, which is never late.
+EMULATOR_PRIORITY = 20
+STATUS_INTERVAL_S = 0.3
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How to run: the rig and its changes as the command line gave them, bus, law and pace."""
+
+    rig_path: Path
+    variant: str | None
+    overrides: tuple[str, ...]
+    emulator_overrides: tuple[str, ...]
+    bus_url: str
+    lockstep: bool
+    law: Path
+    lcm_url: str
+
+
+@dataclass(frozen=True)
+class ScenarioRun:
+    """What one scenario gave. truth and record as in recording.py, reference_rad at the truth's
+    rows.
+    """
+
+    name: str
+    folder: Path
+    assessment: Assessment
+    truth: Recording
+    record: Recording
+    reference_rad: Any
+    status: dict[str, Any]
+    daemon_memory_MB: float | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """In encoder frames since the daemon's start."""
+
+    arm: int
+    active: int
+    disarm: int
+    end: int
+
+
+def timetable(rig: Rig, scenario_name: str) -> Timetable:
+    period_s = rig.control.period_s
+    active = ARM_CYCLE + round(rig.safety.arming_ramp_s / period_s)
+    disarm = active + round(rig.scenarios[scenario_name].duration_s / period_s)
+    stop = round((rig.safety.soft_stop_ramp_s + REST_S) / period_s)
+    return Timetable(ARM_CYCLE, active, disarm, disarm + stop)
+
+
+def run_scenario(
+    rig: Rig,
+    scenario_name: str,
+    settings: RunSettings,
+    folder: Path,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> ScenarioRun:
+    """Runs the scenario and judges it; `folder` gets the logs. progress: told the fraction done."""
+    folder.mkdir(parents=True, exist_ok=True)
+    truth_path, record_path = folder / "truth.csv", folder / "record.csv"
+    for path in (truth_path, record_path):
+        path.unlink(missing_ok=True)
+    times = timetable(rig, scenario_name)
+    began = time.monotonic()
+    # sun_path holds 107 bytes: the socket cannot live in a report folder of any depth.
+    socket_folder = Path(tempfile.mkdtemp(prefix="eampc-"))
+    try:
+        with Ensemble() as ensemble:
+            daemon = ensemble.start_daemon(
+                _daemon_command(settings, socket_folder / "s", record_path), folder / "eampcd.log"
+            )
+            with OperatorClient(socket_folder / "s", timeout_s=30.0) as client:
+                send_reference(client, rig, scenario_name, REFERENCE_CYCLE)
+                client.arm(times.arm)
+                client.disarm(times.disarm)
+                emulator = ensemble.start(
+                    Process(
+                        "plant_emulator",
+                        _emulator_command(settings, scenario_name, times, truth_path),
+                        folder / "plant_emulator.log",
+                    )
+                )
+                if not settings.lockstep:
+                    raise_priority(emulator, EMULATOR_PRIORITY)
+                _watch(ensemble, emulator, client, times, _limit_s(rig, settings, times), progress)
+                status = client.status()
+            memory = daemon.peak_memory_MB()
+            daemon.stop()
+            if daemon.exit_code() != 0:
+                raise daemon.failure()
+    finally:
+        shutil.rmtree(socket_folder, ignore_errors=True)
+    truth = read_recording(truth_path, TRUTH_COLUMNS)
+    record = read_recording(record_path, RECORD_COLUMNS)
+    # What the daemon did after the emulator was switched off is no part of the run.
+    record = record.where(record["cycle"] < times.end)
+    if len(record) == 0 or len(truth) == 0:
+        raise RunFailed(f"{folder}: the daemon recorded no cycle of the run")
+    reference_rad = reference_angle(rig, scenario_name, truth["scenario_time_s"])
+    return ScenarioRun(
+        name=scenario_name,
+        folder=folder,
+        assessment=assess(rig, scenario_name, reference_rad, truth, record),
+        truth=truth,
+        record=record,
+        reference_rad=reference_rad,
+        status=status,
+        daemon_memory_MB=memory,
+        seconds=time.monotonic() - began,
+    )
+
+
+def _daemon_command(settings: RunSettings, socket: Path, record: Path) -> list[str]:
+    command = [daemon_program(), "--law", str(settings.law), "--bus", settings.bus_url]
+    command += ["--socket", str(socket), "--record", str(record), "--lcm-url", settings.lcm_url]
+    command += ["--emulation"]
+    return [*command, "--lockstep"] if settings.lockstep else command
+
+
+def _emulator_command(
+    settings: RunSettings, scenario_name: str, times: Timetable, truth: Path
+) -> list[str]:
+    command = [*emulator_command(), str(settings.rig_path), "--bus", settings.bus_url]
+    if settings.variant:
+        command += ["--variant", settings.variant]
+    for override in (*settings.overrides, *settings.emulator_overrides):
+        command += ["--set", override]
+    command += ["--scenario", scenario_name, "--frames", str(times.end)]
+    command += ["--lead-frames", str(times.active), "--lcm-url", settings.lcm_url]
+    command += ["--log", str(truth)]
+    return [*command, "--lockstep"] if settings.lockstep else command
+
+
+def _limit_s(rig: Rig, settings: RunSettings, times: Timetable) -> float:
+    per_frame = LOCKSTEP_LIMIT_S_PER_FRAME if settings.lockstep else 2 * rig.control.period_s
+    return START_LIMIT_S + times.end * per_frame
+
+
+def _watch(
+    ensemble: Ensemble,
+    emulator: Process,
+    client: OperatorClient,
+    times: Timetable,
+    limit_s: float,
+    progress: Callable[[float], None],
+) -> None:
+    asked = time.monotonic()
+    for _ in ensemble.supervise(emulator, limit_s):
+        if time.monotonic() - asked >= STATUS_INTERVAL_S:
+            asked = time.monotonic()
+            progress(min(1.0, client.status()["cycle"] / times.end))
+    progress(1.0)
