@@ -1,0 +1,97 @@
+// Explicit solution of a strictly convex multiparametric quadratic program,
+//   min over U of ½UᵀHU + (F p + f)ᵀU  subject to  G U ≤ w + S p,  lower ≤ p ≤ upper,
+// as critical regions: polytopes of p on each of which the active set is fixed and U is affine
+// (Bemporad, Morari, Dua, Pistikopoulos, Automatica 38, 2002).
+//
+// Explored by crossing facets, with an exact QP wherever a crossing is not one flip of the active
+// set; closed by stepping across several points of every facet and by seeded random points until
+// no point lies outside the regions.
+#pragma once
+
+#include <Eigen/Dense>
+#include <functional>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+namespace eampc::law_design {
+
+struct MpQp {
+  Eigen::MatrixXd H;             ///< n×n, positive definite
+  Eigen::MatrixXd F;             ///< n×np
+  Eigen::VectorXd f;             ///< n
+  Eigen::MatrixXd G;             ///< m×n
+  Eigen::VectorXd w;             ///< m
+  Eigen::MatrixXd S;             ///< m×np
+  Eigen::VectorXd lower, upper;  ///< np, finite, lower < upper
+};
+
+/// The number a law puts out: y = clip(Y_U·U(p) + Y_p·p + y_0, y_min, y_max).
+struct OutputLaw {
+  Eigen::RowVectorXd Y_U;  ///< n
+  Eigen::RowVectorXd Y_p;  ///< np
+  double y_0 = 0.0;
+  double y_min = 0.0, y_max = 0.0;
+};
+
+struct CriticalRegion {
+  std::vector<int> active_set;  ///< rows of the problem as given, ascending
+  Eigen::MatrixXd gain;         ///< U(p) = gain·p + offset, n×np
+  Eigen::VectorXd offset;       ///< n
+  Eigen::MatrixXd facet_normals;  ///< k×np, unit rows: facet_normals·p ≤ facet_offsets, irredundant
+  Eigen::VectorXd facet_offsets;  ///< k
+  /// Regions met across each facet; empty for facets of the parameter set.
+  std::vector<std::vector<int>> neighbours;
+  Eigen::VectorXd interior;  ///< centre of the largest ball in the box scaled to ±1
+  double radius = 0.0;       ///< of that ball, in the same scale
+};
+
+struct MpQpStatistics {
+  int rows_given = 0;
+  int rows_kept = 0;  ///< after dropping redundant and parameter-only rows
+  int regions = 0;
+  long lps = 0;
+  long qps = 0;
+  long degenerate_fallbacks = 0;  ///< crossings that were not one flip of the active set
+  long closure_points = 0;
+  long closure_misses = 0;         ///< closure points outside all regions known then (now covered)
+  long flat_regions_dropped = 0;   ///< with an error bound below 1e-9 of the largest solution
+  long saturated_active_sets = 0;  ///< left out because of MpQpOptions::output
+  long infeasible_points = 0;      ///< crossings into parameters without a solution
+  long unresolved_points = 0;      ///< points neither covered nor infeasible: 0 in a valid solution
+  double seconds = 0.0;
+};
+
+struct MpQpOptions {
+  /// If given, regions whose output sits on one of its bounds throughout are found but neither
+  /// returned nor crossed. See search_tree.hpp for why a tree does not need them. What this cannot
+  /// prove is that the rest of the parameters hangs together: a part with an unsaturated output
+  /// that is surrounded by saturated ones is found only if a random point falls into it.
+  std::optional<OutputLaw> output;
+  int closure_points_per_facet = 0;  ///< 0: twice the number of parameters
+  int random_points = 2000;
+  unsigned seed = 1;
+  /// More regions than this are an error: the law would be too large to use.
+  int max_regions = 200000;
+  /// Called now and then with (regions explored, regions found); false cancels.
+  std::function<bool(int, int)> progress;
+};
+
+struct MpQpSolution {
+  std::vector<CriticalRegion> regions;
+  Eigen::VectorXd lower, upper;
+  MpQpStatistics statistics;
+  /// Some parameters of the box have no solution.
+  bool has_infeasible_parameters = false;
+};
+
+struct Cancelled : std::runtime_error {
+  Cancelled() : std::runtime_error("cancelled by the caller") {}
+};
+
+/// Solves the problem. Throws std::invalid_argument for a problem that is not strictly convex, has
+/// inconsistent shapes or no feasible parameter; std::runtime_error if coverage cannot be reached;
+/// Cancelled if `progress` returned false.
+MpQpSolution solve_mpqp(const MpQp& problem, const MpQpOptions& options = {});
+
+}  // namespace eampc::law_design
