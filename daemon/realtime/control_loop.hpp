@@ -1,0 +1,157 @@
+// The real-time thread's body: wait for the encoder frame → ControlCycle::step → send → push the
+// record. After run() starts there is no heap, lock, log or throw here. One thread runs it; the
+// rest of the process talks to it through the queues, the snapshot and the counters.
+//
+// When a cycle runs:
+//   encoder trigger   on every encoder frame. If several wait, the newest counts and the older ones
+//   are `superseded`.
+//                     Once a frame was seen, a period without one (half a period of slack) runs a
+//                     cycle without a frame. A frame that comes less than half a period after a
+//                     cycle belongs to a period that is over: `late`.
+//   sync trigger      on a fixed grid: Sync goes out, the encoder's answer starts the cycle; no
+//   answer by 7/8 of the
+//                     period: a cycle without a frame. A missed grid point is skipped, the grid
+//                     stays.
+//   lock-step         on every encoder frame in order, none left out, no clock; Sync is not sent,
+//   because the frames
+//                     themselves are the time. A full record queue makes the loop wait instead of
+//                     dropping.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+
+#include "control/control_cycle.hpp"
+#include "realtime/bus.hpp"
+#include "realtime/command_queue.hpp"
+#include "realtime/latency_histogram.hpp"
+#include "realtime/record_queue.hpp"
+#include "realtime/snapshot.hpp"
+
+namespace eampc::realtime {
+
+struct LoopSettings {
+  bool lockstep = false;
+};
+
+// Everything one cycle leaves behind for telemetry, recorder and status. Trivially copyable.
+struct LoopRecord {
+  control::CycleRecord cycle;
+  bool frame_seen = false;  // this cycle had an encoder frame
+  bool at_rest = true;
+  std::uint64_t executed_command = 0;  // LoopCommand::id of the last one taken for "now"
+  std::int64_t arrival_ns = 0;  // CLOCK_REALTIME; of the frame, or when its absence was noticed
+  double arrival_to_wake_us = 0.0;
+  double wake_to_decided_us = 0.0;
+  double decided_to_sent_us = 0.0;
+  double arrival_to_sent_us = 0.0;
+};
+
+// 4096 records: 4 s at 1 kHz for the service thread to catch up after a slow disk.
+using LoopRecordQueue = RecordQueue<LoopRecord, 4096>;
+
+struct LoopCounters {
+  std::int64_t cycles = 0;
+  std::int64_t encoder_frames = 0;
+  std::int64_t valid_frames = 0;
+  std::int64_t encoder_timeouts = 0;   // periods that passed without a frame
+  std::int64_t superseded_frames = 0;  // waited behind a newer one: the loop woke too late
+  std::int64_t late_frames = 0;
+  std::int64_t duplicate_frames = 0;
+  std::int64_t invalid_frames = 0;
+  std::int64_t deadline_overruns =
+      0;  // arrival to sent took longer than a period, or a sync grid point was skipped
+  std::int64_t send_errors = 0;
+  std::int64_t confirmed_frames = 0;
+  std::int64_t ignored_frames = 0;
+  std::int64_t error_frames = 0;
+  std::int64_t link_downs = 0;
+  std::int64_t receive_overflows = 0;
+  std::int64_t telemetry_dropped = 0;
+
+  // Periods that had no measurement of their own, whoever was late.
+  std::int64_t missed_cycles() const noexcept { return encoder_timeouts + superseded_frames; }
+};
+
+class ControlLoop {
+ public:
+  // All arguments must outlive the loop.
+  ControlLoop(Bus& bus, const control::ControllerConfig& config, LoopSettings settings);
+
+  void
+  run() noexcept;  // returns after request_stop(), outputs at the safe value, the last frame sent
+  void request_stop() noexcept;  // from any thread
+
+  CommandQueue& commands() noexcept { return commands_; }
+  LoopRecordQueue& records() noexcept { return records_; }
+  ReleasedTableQueue& released_tables() noexcept { return released_tables_; }
+  LoopRecord newest() const noexcept { return newest_.read(); }
+  LoopCounters counters() const noexcept;
+  const LatencyHistogram& arrival_to_sent() const noexcept { return arrival_to_sent_; }
+
+ private:
+  enum class Wait : std::uint8_t { kFrame, kDeadline, kStop };
+
+  // A frame with the instants that belong to it.
+  struct Arrival {
+    ReceivedFrame received;
+    std::int64_t arrival_ns = 0;  // CLOCK_REALTIME
+    std::int64_t arrived_at = 0;  // the same instant, CLOCK_MONOTONIC
+    std::int64_t woken_at = 0;    // CLOCK_MONOTONIC
+  };
+
+  struct CounterCells {
+    std::atomic<std::int64_t> cycles{0}, encoder_frames{0}, valid_frames{0}, encoder_timeouts{0},
+        superseded_frames{0}, late_frames{0}, duplicate_frames{0}, invalid_frames{0},
+        deadline_overruns{0}, send_errors{0}, confirmed_frames{0}, ignored_frames{0},
+        error_frames{0}, link_downs{0}, receive_overflows{0};
+  };
+
+  void run_on_encoder() noexcept;
+  void run_on_sync() noexcept;
+  Wait wait_for_frame(std::int64_t deadline, Arrival& arrival) noexcept;
+  bool take_frame(Arrival& arrival) noexcept;
+  void discard_waiting_frames() noexcept;
+  void run_cycle(const control::Frame* frame, const Arrival& arrival) noexcept;
+  void run_cycle_without_frame(std::int64_t noticed_at) noexcept;
+  void send_sync() noexcept;
+  void sleep_until(std::int64_t instant) const noexcept;
+  void come_to_rest() noexcept;
+
+  void collect_commands() noexcept;
+  control::OperatorAction take_action() noexcept;
+  const control::ReferenceTrajectory* take_reference() noexcept;
+  void forget_pending(std::size_t index) noexcept;
+
+  Bus& bus_;
+  const control::ControllerConfig& config_;
+  const LoopSettings settings_;
+  const std::int64_t period_ns_;
+  control::ControlCycle cycle_;
+
+  std::atomic<bool> stop_{false};
+  std::int64_t next_cycle_ = 0;
+  std::int64_t last_cycle_at_ =
+      0;  // CLOCK_MONOTONIC: arrival of the frame, or the deadline it missed
+  bool frame_ever_seen_ = false;
+  bool send_failed_ = false;
+  bool link_down_ = false;
+  control::Frame last_frame_;
+  std::uint64_t sync_counter_ = 0;
+
+  static constexpr std::size_t kMaxPending = 32;
+  std::array<LoopCommand, kMaxPending> pending_{};
+  std::size_t pending_count_ = 0;
+  std::uint64_t executed_command_ = 0;
+  control::ReferenceTrajectory reference_{};  // as handed over last; its table is in use
+
+  CommandQueue commands_;
+  LoopRecordQueue records_;
+  ReleasedTableQueue released_tables_;
+  Snapshot<LoopRecord> newest_;
+  CounterCells cells_;
+  LatencyHistogram arrival_to_sent_;
+};
+
+}  // namespace eampc::realtime

@@ -1,0 +1,51 @@
+// python-can's `udp_multicast` bus (IPv4), for emulation on any machine. Same interface as CanBus.
+//   cost: one system call per send or receive, parsing bounded by a 512-byte buffer, no heap, no
+//   lock
+// Deliberately absent: IPv6, CAN FD, transmit confirmation (UDP has none).
+// Own frames come back (every member shares the port); the filter on the encoder's identifier drops
+// them.
+#pragma once
+
+#include <netinet/in.h>
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include "realtime/bus_event.hpp"
+#include "realtime/file_descriptor.hpp"
+
+namespace eampc::realtime {
+
+class UdpMulticastBus {
+ public:
+  // Datagrams from addresses that are not this machine's own are ignored: emulation never leaves
+  // the machine.
+  static constexpr std::size_t kMaxLocalAddresses = 32;
+  struct LocalAddresses {
+    std::array<in_addr_t, kMaxLocalAddresses> address{};
+    std::size_t count = 0;
+  };
+
+  UdpMulticastBus(FileDescriptor fd, const sockaddr_in& group, const LocalAddresses& local,
+                  FrameFilter encoder) noexcept;
+
+  bool send(const control::Frame& frame) noexcept;
+  BusEvent receive(ReceivedFrame& received) noexcept;
+
+  int fd() const noexcept { return fd_.get(); }
+  std::uint32_t receive_overflows() const noexcept { return receive_overflows_; }
+
+ private:
+  FileDescriptor fd_;
+  sockaddr_in group_{};
+  LocalAddresses local_;
+  FrameFilter encoder_;
+  std::uint32_t receive_overflows_ = 0;
+};
+
+// Joins `group`:`port` with time-to-live 0. Throws std::runtime_error with one sentence.
+UdpMulticastBus open_udp_multicast_bus(const std::string& group, std::uint16_t port,
+                                       FrameFilter encoder);
+
+}  // namespace eampc::realtime
