@@ -1,0 +1,234 @@
+#include "service/daemon.hpp"
+
+#include <pthread.h>
+#include <signal.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "realtime/bus.hpp"
+#include "realtime/control_loop.hpp"
+#include "service/law_file.hpp"
+#include "service/operator_desk.hpp"
+#include "service/operator_socket.hpp"
+#include "service/record_pump.hpp"
+#include "service/rig_name.hpp"
+
+namespace eampc::service {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+// The one thread that is allowed a real-time policy. std::thread cannot set a stack size.
+class ControlThread {
+ public:
+  ControlThread(realtime::ControlLoop& loop, const realtime::RealtimeSettings& settings)
+      : loop_(loop), settings_(settings) {}
+  ~ControlThread() { stop(); }
+  ControlThread(const ControlThread&) = delete;
+  ControlThread& operator=(const ControlThread&) = delete;
+
+  // Returns once the thread has asked for real time, with what it was given; the loop waits for
+  // begin().
+  realtime::RealtimeState start() {
+    pthread_attr_t attributes;
+    ::pthread_attr_init(&attributes);
+    ::pthread_attr_setstacksize(&attributes, realtime::kThreadStackBytes);
+    const int error = ::pthread_create(&thread_, &attributes, &ControlThread::body, this);
+    ::pthread_attr_destroy(&attributes);
+    if (error != 0) throw BadInput("cannot start the control thread: not enough memory or threads");
+    running_ = true;
+    entered_.wait(false);
+    return state_;
+  }
+  void begin() {
+    begun_.store(true);
+    begun_.notify_one();
+  }
+  void stop() {
+    if (!running_) return;
+    loop_.request_stop();
+    begin();
+    ::pthread_join(thread_, nullptr);
+    running_ = false;
+  }
+
+ private:
+  static void* body(void* self) {
+    auto& thread = *static_cast<ControlThread*>(self);
+    thread.state_ = realtime::enter_realtime(thread.settings_);
+    thread.entered_.store(true);
+    thread.entered_.notify_one();
+    thread.begun_.wait(false);
+    thread.loop_.run();
+    return nullptr;
+  }
+
+  realtime::ControlLoop& loop_;
+  const realtime::RealtimeSettings settings_;
+  pthread_t thread_{};
+  bool running_ = false;
+  std::atomic<bool> entered_{false}, begun_{false};
+  realtime::RealtimeState state_;
+};
+
+sigset_t stop_signals() {
+  sigset_t signals;
+  ::sigemptyset(&signals);
+  ::sigaddset(&signals, SIGTERM);
+  ::sigaddset(&signals, SIGINT);
+  return signals;
+}
+
+void start_log(const std::string& level) {
+  auto logger = spdlog::stderr_logger_mt("eampcd");
+  logger->set_pattern("%Y-%m-%dT%H:%M:%S.%e eampcd %l: %v");
+  logger->set_level(spdlog::level::from_str(level));
+  spdlog::set_default_logger(std::move(logger));
+}
+
+void check_rig(const Options& options, const LawMeta& law) {
+  if (options.rig.empty()) return;
+  const std::string name = read_rig_name(options.rig);
+  if (name != law.rig_name) {
+    throw BadInput("the law file " + options.law_file + " was designed for the rig \"" +
+                   law.rig_name + "\", but " + options.rig + " is \"" + name +
+                   "\"; run `eampc design " + options.rig + "`");
+  }
+}
+
+realtime::Bus open_bus(const realtime::BusAddress& address,
+                       const control::ControllerConfig& config) {
+  std::vector<realtime::FrameFilter> own{{config.valve_command.id, config.valve_command.extended}};
+  if (config.trigger_on_sync && config.sync.present)
+    own.push_back({config.sync.id, config.sync.extended});
+  try {
+    return realtime::open_bus(address, {config.encoder.id, config.encoder.extended}, own);
+  } catch (const std::runtime_error& error) {
+    throw BadInput(error.what());
+  }
+}
+
+realtime::BusAddress parse_bus(const std::string& url) {
+  try {
+    return realtime::parse_bus_url(url);
+  } catch (const std::runtime_error& error) {
+    throw BadInput(error.what());
+  }
+}
+
+void tell_ready(int fd) {
+  if (fd < 0) return;
+  constexpr std::string_view kReady = "ready\n";
+  if (::write(fd, kReady.data(), kReady.size()) != static_cast<ssize_t>(kReady.size())) {
+    spdlog::warn("nobody reads --ready-fd {}", fd);
+  }
+  ::close(fd);
+}
+
+// Two soft-stop ramps, because a fault's own may be under way, and a second for the rest; in
+// lock-step the plant may have ended already, and no cycle will ever come.
+void wait_for_rest(const realtime::ControlLoop& loop, std::uint64_t disarm_id,
+                   double soft_stop_ramp_s, bool lockstep) {
+  const auto limit =
+      steady_clock::now() +
+      (lockstep ? milliseconds(2000)
+                : milliseconds(std::llround(1000.0 * (2.0 * soft_stop_ramp_s + 1.0))));
+  for (;;) {
+    const realtime::LoopRecord newest = loop.newest();
+    const bool never_ran = newest.cycle.cycle < 0;
+    if (newest.at_rest && (never_ran || newest.executed_command >= disarm_id)) return;
+    if (steady_clock::now() >= limit) return;
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+}
+
+}  // namespace
+
+int run_daemon(const Options& options) {
+  realtime::bound_memory();
+  // Before the first thread: every thread inherits the mask, so that only this one sees the
+  // signals.
+  const sigset_t signals = stop_signals();
+  ::pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  ::signal(SIGPIPE, SIG_IGN);
+  start_log(options.log_level);
+
+  const LawFile law = LawFile::load(options.law_file);
+  const control::ControllerConfig& config = law.config();
+  check_rig(options, law.meta());
+
+  const realtime::BusAddress address = parse_bus(options.bus_url);
+  realtime::Bus bus = open_bus(address, config);
+  const auto loop = std::make_unique<realtime::ControlLoop>(
+      bus, config, realtime::LoopSettings{.lockstep = options.lockstep});
+
+  const bool emulated_bus = address.transport == realtime::Transport::kUdpMulticast;
+  OperatorDesk desk(
+      *loop,
+      {.law_sha256 = law.meta().inputs_sha256,
+       .rig_name = law.meta().rig_name,
+       .bus_url = options.bus_url,
+       .arming_allowed = !emulated_bus || options.emulation,
+       .arming_refusal =
+           "arming on udp_multicast is for an emulated plant only; start eampcd with --emulation"});
+
+  std::optional<Telemetry> telemetry;
+  std::optional<ExternalReference> external;
+  const std::string lcm_url = options.lcm_url.empty() ? law.meta().lcm_url : options.lcm_url;
+  if (lcm_url != "none") {
+    telemetry.emplace(lcm_url, law.meta().state_decimation);
+    if (law.meta().reference_by_lcm) {
+      external.emplace(config.safety.reference_angle_max_rad, config.model.period_s);
+    }
+  }
+  std::optional<Recorder> recorder;
+  if (!options.record_file.empty()) recorder.emplace(options.record_file);
+  RecordPump pump(*loop, desk, telemetry ? &*telemetry : nullptr, recorder ? &*recorder : nullptr,
+                  external ? &*external : nullptr);
+  OperatorSocket socket(options.socket_path, desk);
+
+  // What is loaded is locked now, what the threads below still need when it is mapped.
+  const realtime::RealtimeState memory = realtime::lock_memory(options.realtime);
+  ControlThread control_thread(*loop, options.realtime);
+  const realtime::RealtimeState scheduling = control_thread.start();
+  const std::string realtime_text = scheduling.text + ", " + memory.text;
+  desk.set_realtime_text(realtime_text);
+  if (!memory.achieved || !scheduling.achieved) {
+    if (options.realtime.request == realtime::RealtimeRequest::kEnforce) {
+      throw std::runtime_error("real time was refused: " + realtime_text +
+                               "; grant the capabilities, or use --realtime warn");
+    }
+    spdlog::warn("no real time: {}", realtime_text);
+  }
+  pump.start();
+  socket.start();
+  control_thread.begin();
+  spdlog::info("rig {} on {}, T = {} ms, {}; operator socket {}", law.meta().rig_name,
+               options.bus_url, 1000.0 * config.model.period_s, realtime_text, options.socket_path);
+  tell_ready(options.ready_fd);
+
+  int signal_number = 0;
+  ::sigwait(&signals, &signal_number);
+  spdlog::info("{}: bringing the joint to rest", signal_number == SIGINT ? "SIGINT" : "SIGTERM");
+  socket.stop();
+  const std::uint64_t disarm_id = desk.disarm();
+  wait_for_rest(*loop, disarm_id, config.safety.soft_stop_ramp_s, options.lockstep);
+  control_thread.stop();
+  pump.stop();
+
+  const realtime::LoopCounters counters = loop->counters();
+  spdlog::info("stopped after {} cycles: {} missed, {} overruns, {} invalid, {} send errors",
+               counters.cycles, counters.missed_cycles(), counters.deadline_overruns,
+               counters.invalid_frames, counters.send_errors);
+  return loop->newest().at_rest ? 0 : 1;
+}
+
+}  // namespace eampc::service

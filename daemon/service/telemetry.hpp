@@ -1,0 +1,46 @@
+// What everyone else sees: EAMPC_STATE per cycle (decimated), EAMPC_HEALTH once per second; and,
+// only if the law file says so, EAMPC_REFERENCE in. All calls come from the record pump's thread,
+// except the constructor.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <lcm/lcm-cpp.hpp>
+#include <string>
+
+#include "eampc_lcm/health_t.hpp"
+#include "eampc_lcm/reference_t.hpp"
+#include "eampc_lcm/state_t.hpp"
+#include "realtime/control_loop.hpp"
+#include "service/operator_request.hpp"
+
+namespace eampc::service {
+
+class Telemetry {
+ public:
+  using ReferenceHandler = std::function<void(const control::Reference&, std::int64_t utime)>;
+
+  // Throws BadInput if the network cannot be reached.
+  Telemetry(const std::string& lcm_url, std::int32_t state_decimation);
+
+  // Before the pump starts: a first subscription may take seconds in LCM's self-test.
+  void subscribe_reference(ReferenceHandler handler);
+
+  void publish_state(const realtime::LoopRecord& record);
+  // `status` is the same answer an operator would get.
+  void publish_health(const OperatorReply& status);
+  // Hands waiting references to the handler; waits at most this long for one.
+  void receive(int wait_ms);
+
+ private:
+  void on_reference(const lcm::ReceiveBuffer* buffer, const std::string& channel,
+                    const eampc_lcm::reference_t* message);
+
+  lcm::LCM lcm_;
+  const std::int32_t state_decimation_;
+  bool subscribed_ = false;
+  ReferenceHandler handler_;
+  eampc_lcm::state_t state_{};  // kept, so that its strings keep their storage
+};
+
+}  // namespace eampc::service
