@@ -23,10 +23,15 @@ Reference table_at(const ReferenceTrajectory& trajectory, double time_s) noexcep
     return {};
   }
   const double row = std::max(0.0, time_s / trajectory.sample_period_s);
-  const double last = static_cast<double>(trajectory.samples - 1);
-  if (!(row < last)) {
-    // Held: an angle at rest has no derivatives.
-    return {trajectory.table[trajectory.samples - 1].angle_rad, 0.0, 0.0};
+  const std::int32_t last = trajectory.samples - 1;
+  if (row >= static_cast<double>(last)) {
+    Reference held = trajectory.table[last];
+    if (row * trajectory.sample_period_s >
+        static_cast<double>(last) * trajectory.sample_period_s + kGridTolerance_s) {
+      held.velocity_rad_s = 0.0;  // an angle at rest has no derivatives
+      held.acceleration_rad_s2 = 0.0;
+    }
+    return held;
   }
   const auto index = static_cast<std::int32_t>(row);
   return interpolated(trajectory.table[index], trajectory.table[index + 1],
