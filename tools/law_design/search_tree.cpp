@@ -1,0 +1,505 @@
+#include "law_design/search_tree.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <unordered_map>
+#include <utility>
+
+#include "law_design/cell_contents.hpp"
+#include "law_design/output_laws.hpp"
+
+namespace eampc::law_design {
+namespace {
+
+// Slivers of other laws a leaf may contain, of the output's range.
+constexpr double kAcceptedDifference = 1e-9;
+// A split is chosen among at most this many hyperplanes, evenly taken from all of the cell's.
+constexpr std::size_t kMostCandidates = 300;
+// Cells with at most this many regions are scored by exact sides within the cell.
+constexpr std::size_t kExactScoring = 48;
+constexpr int kMostDepth = 100;
+constexpr std::size_t kSideCacheBytes = 300'000'000;
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+struct Split {
+  int plane = -1;
+  double cost = std::numeric_limits<double>::infinity();
+};
+
+class TreeBuilder {
+ public:
+  TreeBuilder(OutputLaws laws, const OutputLaw& output, const SearchTreeOptions& options,
+              bool everywhere_feasible);
+  BuiltSearchTree run();
+
+ private:
+  struct Child {
+    std::int32_t code = 0;
+    int depth = 0;
+  };
+  using Items = std::vector<CellItem>;
+
+  void collect_planes();
+  int plane_id(const LawRegion& region, int facet);
+  unsigned sides_of_region(int plane, int region);
+  Child build(Items items, int depth);
+  bool accept_as_leaf(const Items& items, int law);
+  int common_law(const Items& items);
+  void promote_thin(Items& items);
+  std::vector<Split> rank_splits(const Items& items, bool all_facets);
+  double cost_of(int plane, const Items& items);
+  bool divide(const Items& items, int plane, Items& below, Items& above);
+  int bound_in_cell(const Items& around);
+  Child leaf(int law);
+  void check_insides(const BuiltSearchTree& tree) const;
+
+  OutputLaws laws_;
+  OutputLaw output_;
+  const SearchTreeOptions& options_;
+  bool everywhere_feasible_;
+  CellGeometry geometry_;
+  Cell cell_;
+  Cell whole_;
+  std::vector<Hyperplane> planes_;
+  std::vector<std::vector<int>> law_planes_, outer_planes_;  // per region
+  std::vector<char> in_use_;                                 // planes that bound the cell
+  std::vector<std::vector<unsigned char>> sides_;            // per plane and region, 0 unknown
+  std::size_t side_bytes_ = 0;
+  std::vector<int> stamp_plane_, stamp_law_;
+  std::vector<unsigned> law_sides_;
+  int stamp_ = 0;
+  int low_law_ = 0, high_law_ = 0;
+  std::vector<std::int32_t> piece_of_law_;
+  BuiltSearchTree tree_;
+};
+
+TreeBuilder::TreeBuilder(OutputLaws laws, const OutputLaw& output, const SearchTreeOptions& options,
+                         bool everywhere_feasible)
+    : laws_(std::move(laws)),
+      output_(output),
+      options_(options),
+      everywhere_feasible_(everywhere_feasible),
+      geometry_(laws_),
+      cell_(laws_.parameters),
+      whole_(laws_.parameters) {
+  tree_.statistics.distinct_laws = static_cast<int>(laws_.laws.size());
+  tree_.statistics.unsaturated_regions = static_cast<int>(laws_.regions.size());
+  low_law_ = static_cast<int>(laws_.laws.size());
+  high_law_ = low_law_ + 1;
+  laws_.laws.push_back(ScaledLaw{});
+  laws_.laws.push_back(ScaledLaw{});
+  laws_.laws.back()[kMaxDimension] = 1.0;
+  piece_of_law_.assign(laws_.laws.size(), -1);
+  law_sides_.assign(laws_.laws.size(), 0U);
+  stamp_law_.assign(laws_.laws.size(), -1);
+  collect_planes();
+}
+
+// Planes are shared by the regions on both sides of them: one entry per plane, whatever its sign.
+void TreeBuilder::collect_planes() {
+  std::unordered_map<std::size_t, std::vector<int>> buckets;
+  const auto add = [&](const LawRegion& region, int facet) {
+    Hyperplane plane;
+    region.facets.copy_normal(facet, plane.normal.data());
+    plane.offset = region.facets.offset(facet);
+    for (int j = 0; j < laws_.parameters; ++j) {
+      if (std::abs(plane.normal[index(j)]) < 1e-6) continue;
+      if (plane.normal[index(j)] < 0.0) {
+        for (double& a : plane.normal) a = -a;
+        plane.offset = -plane.offset;
+      }
+      break;
+    }
+    std::size_t key = 1469598103934665603U;
+    const auto mix = [&](double x) {
+      key ^= static_cast<std::size_t>(static_cast<std::int64_t>(std::llround(x * 1e7)));
+      key *= 1099511628211U;
+    };
+    for (int j = 0; j < laws_.parameters; ++j) mix(plane.normal[index(j)]);
+    mix(plane.offset);
+    for (const int other : buckets[key]) {
+      double difference = std::abs(planes_[index(other)].offset - plane.offset);
+      for (std::size_t j = 0; j < plane.normal.size(); ++j) {
+        difference += std::abs(planes_[index(other)].normal[j] - plane.normal[j]);
+      }
+      if (difference < 1e-10) return other;
+    }
+    const int id = static_cast<int>(planes_.size());
+    buckets[key].push_back(id);
+    planes_.push_back(plane);
+    return id;
+  };
+  for (const LawRegion& region : laws_.regions) {
+    law_planes_.emplace_back();
+    outer_planes_.emplace_back();
+    for (const int f : region.law_facets) law_planes_.back().push_back(add(region, f));
+    for (const int f : region.outer_facets) outer_planes_.back().push_back(add(region, f));
+  }
+  in_use_.assign(planes_.size(), 0);
+  sides_.resize(planes_.size());
+  stamp_plane_.assign(planes_.size(), -1);
+}
+
+unsigned TreeBuilder::sides_of_region(int plane, int region) {
+  std::vector<unsigned char>& row = sides_[index(plane)];
+  if (row.empty() && side_bytes_ < kSideCacheBytes) {
+    row.assign(laws_.regions.size(), 0);
+    side_bytes_ += row.size();
+  }
+  if (!row.empty() && row[index(region)] != 0) return row[index(region)];
+  CellItem item;
+  item.region = region;
+  const unsigned result = geometry_.proved_sides(planes_[index(plane)], item, whole_, kBoth, 0U);
+  if (!row.empty()) row[index(region)] = static_cast<unsigned char>(result);
+  return result;
+}
+
+double TreeBuilder::cost_of(int plane, const Items& items) {
+  ++stamp_;
+  int total[2] = {0, 0};
+  int laws[2] = {0, 0};
+  int counted = 0;
+  for (const CellItem& item : items) {
+    if (item.thin) continue;
+    ++counted;
+    unsigned sure = 0;
+    unsigned sides = geometry_.possible_sides(planes_[index(plane)], item, &sure);
+    if (sides == kBoth && sure != kBoth) {
+      sides = sides_of_region(plane, item.region);
+      if (sides == kBoth && items.size() <= kExactScoring) {
+        sides = geometry_.proved_sides(planes_[index(plane)], item, cell_, sides, sure);
+      }
+    }
+    const int law = laws_.regions[index(item.region)].law;
+    if (stamp_law_[index(law)] != stamp_) {
+      stamp_law_[index(law)] = stamp_;
+      law_sides_[index(law)] = 0;
+    }
+    for (int side = 0; side < 2; ++side) {
+      const unsigned bit = side == 0 ? kBelow : kAbove;
+      if ((sides & bit) == 0U) continue;
+      ++total[side];
+      if ((law_sides_[index(law)] & bit) == 0U) ++laws[side];
+      law_sides_[index(law)] |= bit;
+    }
+  }
+  if (total[0] == counted && total[1] == counted) return std::numeric_limits<double>::infinity();
+  const auto weight = [](int n) { return n > 1 ? n * std::log2(static_cast<double>(n)) : 0.0; };
+  return weight(laws[0]) + weight(laws[1]) + 1e-3 * (weight(total[0]) + weight(total[1]));
+}
+
+std::vector<Split> TreeBuilder::rank_splits(const Items& items, bool all_facets) {
+  std::vector<int> candidates;
+  const int mark = ++stamp_;
+  for (const CellItem& item : items) {
+    const auto gather = [&](const std::vector<int>& planes) {
+      for (const int plane : planes) {
+        if (stamp_plane_[index(plane)] == mark || in_use_[index(plane)] != 0) continue;
+        stamp_plane_[index(plane)] = mark;
+        candidates.push_back(plane);
+      }
+    };
+    gather(law_planes_[index(item.region)]);
+    if (all_facets) gather(outer_planes_[index(item.region)]);
+  }
+  std::sort(candidates.begin(), candidates.end());
+  const std::size_t stride = (candidates.size() + kMostCandidates - 1) / kMostCandidates;
+  std::vector<Split> ranked;
+  for (std::size_t k = 0; k < candidates.size(); k += stride) {
+    const double cost = cost_of(candidates[k], items);
+    if (std::isfinite(cost)) ranked.push_back({candidates[k], cost});
+  }
+  std::sort(ranked.begin(), ranked.end(), [](const Split& a, const Split& b) {
+    return a.cost != b.cost ? a.cost < b.cost : a.plane < b.plane;
+  });
+  return ranked;
+}
+
+bool TreeBuilder::divide(const Items& items, int plane, Items& below, Items& above) {
+  const Hyperplane& hyperplane = planes_[index(plane)];
+  below.clear();
+  above.clear();
+  for (const CellItem& item : items) {
+    unsigned sure = 0;
+    unsigned sides =
+        item.thin ? unsigned{kBoth} : geometry_.possible_sides(hyperplane, item, &sure);
+    if (sides == kBoth && sure != kBoth) {
+      sides = geometry_.proved_sides(hyperplane, item, cell_, sides, sure);
+    }
+    if (sides == kBelow) {
+      below.push_back(item);
+      continue;
+    }
+    if (sides == kAbove) {
+      above.push_back(item);
+      continue;
+    }
+    for (const bool up : {false, true}) {
+      cell_.push(hyperplane, up);
+      const CellGeometry::Presence presence = geometry_.presence(item.region, cell_);
+      if (presence != CellGeometry::Presence::kAbsent) {
+        CellItem part{item.region, presence == CellGeometry::Presence::kThin, nullptr};
+        if (!part.thin) part.extent = geometry_.extent(item.region, cell_);
+        (up ? above : below).push_back(std::move(part));
+      }
+      cell_.pop();
+    }
+  }
+  const auto laws = [&](const Items& side) {
+    ++stamp_;
+    std::size_t count = 0;
+    std::size_t there = 0;
+    for (const CellItem& item : side) {
+      if (item.thin) continue;
+      ++there;
+      const int law = laws_.regions[index(item.region)].law;
+      count += stamp_law_[index(law)] != stamp_ ? 1U : 0U;
+      stamp_law_[index(law)] = stamp_;
+    }
+    return std::pair(count, there);
+  };
+  const auto all = laws(items);
+  return laws(below) < all || laws(above) < all;
+}
+
+// The bound on which the output sits in a cell that no unsaturated region enters: the value of
+// the law at the first of them on a line from the cell into its surroundings.
+int TreeBuilder::bound_in_cell(const Items& around) {
+  Point start{};
+  if (!geometry_.centre(cell_, &start)) start.fill(0.0);
+  double nearest = 0.5;
+  int tried = 0;
+  for (const CellItem& target : around) {
+    if (target.thin) continue;
+    if (++tried > 20) break;
+    Point direction{};
+    for (const Point& point : target.extent->points) {
+      for (std::size_t j = 0; j < direction.size(); ++j) {
+        direction[j] += point[j] / static_cast<double>(target.extent->points.size());
+      }
+    }
+    for (std::size_t j = 0; j < direction.size(); ++j) direction[j] -= start[j];
+    double first = std::numeric_limits<double>::infinity();
+    double value = 0.5;
+    for (const CellItem& item : around) {
+      const LawRegion& region = laws_.regions[index(item.region)];
+      double enter = 0.0;
+      double leave = std::numeric_limits<double>::infinity();
+      for (int f = 0; f < region.facets.size() && enter <= leave; ++f) {
+        const double slack = region.facets.offset(f) - region.facets.product(f, start.data());
+        const double speed = region.facets.product(f, direction.data());
+        if (std::abs(speed) < 1e-14) {
+          if (slack < 0.0) leave = -1.0;
+        } else if (speed > 0.0) {
+          leave = std::min(leave, slack / speed);
+        } else {
+          enter = std::max(enter, slack / speed);
+        }
+      }
+      if (enter > leave || enter >= first) continue;
+      first = enter;
+      Point at{};
+      for (std::size_t j = 0; j < at.size(); ++j) at[j] = start[j] + enter * direction[j];
+      value = laws_.value(region.law, at.data());
+    }
+    if (std::abs(value) < 1e-7) return low_law_;
+    if (std::abs(value - 1.0) < 1e-7) return high_law_;
+    nearest = value;
+  }
+  if (everywhere_feasible_) {
+    throw std::runtime_error(
+        "search tree: a cell without unsaturated regions is not next to a saturated output; "
+        "regions are missing from the solution");
+  }
+  ++tree_.statistics.infeasible_leaves;
+  return nearest < 0.5 ? low_law_ : high_law_;
+}
+
+TreeBuilder::Child TreeBuilder::leaf(int law) {
+  ++tree_.statistics.leaves;
+  std::int32_t& piece = piece_of_law_[index(law)];
+  if (piece < 0) {
+    piece = static_cast<std::int32_t>(tree_.pieces.size());
+    const ScaledLaw& scaled = laws_.laws[index(law)];
+    const double range = output_.y_max - output_.y_min;
+    control::AffinePiece affine{};
+    affine.offset = output_.y_min + range * scaled[kMaxDimension];
+    for (int j = 0; j < laws_.parameters; ++j) {
+      affine.gain[j] = range * scaled[index(j)] / laws_.half_width(j);
+      affine.offset -= affine.gain[j] * laws_.centre(j);
+    }
+    tree_.pieces.push_back(affine);
+  }
+  return {~piece, 0};
+}
+
+// True if everything in the cell is within the accepted difference of this law.
+bool TreeBuilder::accept_as_leaf(const Items& items, int law) {
+  for (const CellItem& item : items) {
+    const int other = laws_.regions[index(item.region)].law;
+    if (other == law || item.thin) continue;
+    for (const Point& point : item.extent->points) {
+      if (std::abs(laws_.value(law, point.data()) - laws_.value(other, point.data())) >
+          2.0 * kAcceptedDifference) {
+        return false;
+      }
+    }
+  }
+  for (const CellItem& item : items) {
+    const int other = laws_.regions[index(item.region)].law;
+    if (other == law) continue;
+    if (!geometry_.difference_below(law, other, item.region, cell_, kAcceptedDifference) ||
+        !geometry_.difference_below(other, law, item.region, cell_, kAcceptedDifference)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void TreeBuilder::promote_thin(Items& items) {
+  for (CellItem& item : items) {
+    if (!item.thin) continue;
+    item.thin = false;
+    item.extent = geometry_.extent(item.region, cell_);
+  }
+}
+
+TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
+  if (depth > kMostDepth || static_cast<int>(tree_.nodes.size()) > options_.max_nodes) {
+    throw std::runtime_error("search tree: more than " + std::to_string(options_.max_nodes) +
+                             " nodes or " + std::to_string(kMostDepth) +
+                             " levels; the law is too fragmented");
+  }
+  if (options_.progress && tree_.nodes.size() % 64 == 0 &&
+      !options_.progress(static_cast<int>(tree_.nodes.size()), static_cast<int>(items.size()))) {
+    throw Cancelled();
+  }
+  ++stamp_;
+  int distinct = 0;
+  std::vector<int> present;
+  for (const CellItem& item : items) {
+    const int law = laws_.regions[index(item.region)].law;
+    if (item.thin || stamp_law_[index(law)] == stamp_) continue;
+    stamp_law_[index(law)] = stamp_;
+    ++distinct;
+    if (present.size() < 4) present.push_back(law);
+  }
+  if (distinct == 0) throw std::logic_error("search tree: empty cell");
+  if (distinct <= 4) {
+    for (const int law : present) {
+      if (!accept_as_leaf(items, law)) continue;
+      if (distinct > 1) ++tree_.statistics.sliver_leaves;
+      return leaf(law);
+    }
+    if (distinct == 1) promote_thin(items);
+  }
+  Items below, above;
+  for (const bool all_facets : {false, true}) {
+    const std::vector<Split> ranked = rank_splits(items, all_facets);
+    for (std::size_t k = 0; k < ranked.size() && k < 16; ++k) {
+      const int plane = ranked[k].plane;
+      if (!divide(items, plane, below, above)) continue;
+      Child children[2];
+      in_use_[index(plane)] = 1;
+      for (const bool up : {false, true}) {
+        cell_.push(planes_[index(plane)], up);
+        Items& side = up ? above : below;
+        const bool occupied =
+            std::any_of(side.begin(), side.end(), [](const CellItem& item) { return !item.thin; });
+        Child& child = children[up ? 1 : 0];
+        if (occupied) {
+          child = build(std::move(side), depth + 1);
+        } else {
+          child = leaf(bound_in_cell(items));
+        }
+        cell_.pop();
+      }
+      in_use_[index(plane)] = 0;
+      if (children[0].code < 0 && children[0].code == children[1].code) return children[0];
+      control::SplitNode node{};
+      double norm = 0.0;
+      for (int j = 0; j < laws_.parameters; ++j) {
+        node.normal[j] = planes_[index(plane)].normal[index(j)] / laws_.half_width(j);
+        norm += node.normal[j] * node.normal[j];
+      }
+      norm = std::sqrt(norm);
+      node.offset = planes_[index(plane)].offset / norm;
+      for (int j = 0; j < laws_.parameters; ++j) {
+        node.normal[j] /= norm;
+        node.offset += node.normal[j] * laws_.centre(j);
+      }
+      node.below = children[0].code;
+      node.above = children[1].code;
+      tree_.nodes.push_back(node);
+      return {static_cast<std::int32_t>(tree_.nodes.size()) - 1,
+              1 + std::max(children[0].depth, children[1].depth)};
+    }
+  }
+  throw std::runtime_error("search tree: " + std::to_string(distinct) +
+                           " laws in one cell that no facet separates and that differ by more "
+                           "than 1e-9 of the output range");
+}
+
+void TreeBuilder::check_insides(const BuiltSearchTree& tree) const {
+  const control::SearchTree view = tree.view();
+  const double range = output_.y_max - output_.y_min;
+  for (const LawRegion& region : laws_.regions) {
+    double p[control::kMaxParameters] = {};
+    for (int j = 0; j < laws_.parameters; ++j) {
+      p[j] = laws_.centre(j) + laws_.half_width(j) * region.inside[index(j)];
+    }
+    const double found = (control::evaluate(view, p).u - output_.y_min) / range;
+    const double right = laws_.value(region.law, region.inside.data());
+    if (!(std::abs(std::clamp(found, 0.0, 1.0) - std::clamp(right, 0.0, 1.0)) < 1e-7)) {
+      throw std::runtime_error("search tree: the finished tree disagrees with the regions");
+    }
+  }
+}
+
+BuiltSearchTree TreeBuilder::run() {
+  Items items;
+  for (std::size_t r = 0; r < laws_.regions.size(); ++r) {
+    const int region = static_cast<int>(r);
+    items.push_back({region, false, geometry_.extent(region, cell_)});
+  }
+  Child root;
+  if (items.empty()) {
+    if (laws_.saturated_low > 0 && laws_.saturated_high > 0) {
+      throw std::runtime_error("search tree: the output jumps between its bounds");
+    }
+    root = leaf(laws_.saturated_low > 0 ? low_law_ : high_law_);
+  } else {
+    root = build(std::move(items), 0);
+  }
+  tree_.root = root.code;
+  tree_.depth = root.depth;
+  tree_.n_parameters = laws_.parameters;
+  tree_.statistics.depth = root.depth;
+  tree_.statistics.nodes = static_cast<int>(tree_.nodes.size());
+  tree_.statistics.pieces = static_cast<int>(tree_.pieces.size());
+  tree_.statistics.lps = geometry_.lp_count();
+  check_insides(tree_);
+  return std::move(tree_);
+}
+
+}  // namespace
+
+BuiltSearchTree build_search_tree(const MpQpSolution& solution, const OutputLaw& output,
+                                  const SearchTreeOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  TreeBuilder builder(distinct_output_laws(solution, output), output, options,
+                      !solution.has_infeasible_parameters);
+  BuiltSearchTree tree = builder.run();
+  tree.statistics.seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return tree;
+}
+
+}  // namespace eampc::law_design

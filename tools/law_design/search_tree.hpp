@@ -1,0 +1,59 @@
+// Binary search tree over an explicit law y = clip(piece(p), y_min, y_max), each leaf proved.
+//
+// Only regions with an unsaturated output are sorted into the tree. That is enough: y is
+// continuous on the convex set of feasible parameters, so
+//  - in a cell (convex) that no unsaturated region enters, y is y_min throughout or y_max
+//    throughout, and one point tells which;
+//  - in a cell that only regions of one law L enter, those regions fill the whole of
+//    {y_min < L < y_max} within the cell (each facet they have in there leads to another such
+//    region), and on either side of it y is constant and, by continuity, the bound that L has
+//    passed: y = clip(L) in the whole cell, saturated regions included.
+// This rests on every unsaturated region being known; see MpQpOptions::output.
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "control/point_location.hpp"
+#include "law_design/mpqp.hpp"
+
+namespace eampc::law_design {
+
+struct SearchTreeStatistics {
+  int unsaturated_regions = 0;
+  int distinct_laws = 0;
+  int nodes = 0;
+  int leaves = 0;
+  int pieces = 0;
+  int depth = 0;
+  long lps = 0;
+  /// Leaves that accepted slivers of other laws, each proved within 1e-9 of the output's range.
+  int sliver_leaves = 0;
+  /// Leaves in which no feasible parameter was found; they name the nearest law.
+  int infeasible_leaves = 0;
+  double seconds = 0.0;
+};
+
+struct BuiltSearchTree {
+  std::vector<control::SplitNode> nodes;
+  std::vector<control::AffinePiece> pieces;
+  int n_parameters = 0;
+  int depth = 0;
+  std::int32_t root = 0;
+  SearchTreeStatistics statistics;
+
+  /// The form the daemon evaluates; valid as long as this object.
+  control::SearchTree view() const { return {nodes, pieces, n_parameters, depth, root}; }
+};
+
+struct SearchTreeOptions {
+  /// Called now and then with (nodes made, regions still in the current node); false cancels.
+  std::function<bool(int, int)> progress;
+  int max_nodes = 1000000;
+};
+
+/// Builds the tree. Throws std::runtime_error if a leaf cannot be proved, Cancelled.
+BuiltSearchTree build_search_tree(const MpQpSolution& solution, const OutputLaw& output,
+                                  const SearchTreeOptions& options = {});
+
+}  // namespace eampc::law_design
