@@ -243,7 +243,8 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
   send_failed_ = !bus_.send(output.command);
   const std::int64_t sent_at = now_ns(CLOCK_MONOTONIC);
 
-  ++next_cycle_;
+  next_cycle_ =
+      output.record.cycle + 1;  // the cycle counts frames that were lost, and not a repeated one
   count(cells_.cycles);
   if (send_failed_) count(cells_.send_errors);
   cells_.receive_overflows.store(bus_.receive_overflows(), std::memory_order_relaxed);

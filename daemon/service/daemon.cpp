@@ -133,19 +133,28 @@ void tell_ready(int fd) {
   ::close(fd);
 }
 
-// Two soft-stop ramps, because a fault's own may be under way, and a second for the rest; in
-// lock-step the plant may have ended already, and no cycle will ever come.
+// In real time: two soft-stop ramps, because a fault's own may be under way, and a second for the
+// rest. In lock-step the plant may have ended already: a silence of kLockstepSilence means that no
+// cycle comes any more.
 void wait_for_rest(const realtime::ControlLoop& loop, std::uint64_t disarm_id,
                    double soft_stop_ramp_s, bool lockstep) {
-  const auto limit =
-      steady_clock::now() +
-      (lockstep ? milliseconds(2000)
-                : milliseconds(std::llround(1000.0 * (2.0 * soft_stop_ramp_s + 1.0))));
+  constexpr milliseconds kLockstepLimit{2000};
+  constexpr milliseconds kLockstepSilence{300};  // user-mode Linux makes 500 cycles in a second
+  const milliseconds realtime_limit(std::llround(1000.0 * (2.0 * soft_stop_ramp_s + 1.0)));
+  const auto limit = steady_clock::now() + (lockstep ? kLockstepLimit : realtime_limit);
+  std::int64_t cycles = loop.counters().cycles;
+  auto silent_since = steady_clock::now();
   for (;;) {
     const realtime::LoopRecord newest = loop.newest();
-    const bool never_ran = newest.cycle.cycle < 0;
+    const bool never_ran = loop.counters().cycles == 0;
     if (newest.at_rest && (never_ran || newest.executed_command >= disarm_id)) return;
-    if (steady_clock::now() >= limit) return;
+    const auto now = steady_clock::now();
+    if (now >= limit) return;
+    if (const std::int64_t cycles_now = loop.counters().cycles; cycles_now != cycles) {
+      cycles = cycles_now;
+      silent_since = now;
+    }
+    if (lockstep && now - silent_since >= kLockstepSilence) return;
     std::this_thread::sleep_for(milliseconds(1));
   }
 }

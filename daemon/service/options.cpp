@@ -19,6 +19,16 @@ std::string default_socket_path() {
   return "/tmp/eampcd-" + std::to_string(::getuid()) + ".sock";
 }
 
+namespace {
+
+// The names of the values stand in the option's type already.
+CLI::Validator silent(CLI::Validator validator) {
+  validator.description("");
+  return validator;
+}
+
+}  // namespace
+
 ParsedOptions parse_options(int argc, const char* const* argv) {
   ParsedOptions parsed;
   Options& options = parsed.options;
@@ -40,12 +50,10 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
       {"off", realtime::RealtimeRequest::kOff}};
   std::string request = "warn";
 
-  app.add_option("--law", options.law_file, "Law file written by `eampc design`")
-      ->required()
+  app.add_option("--law", options.law_file, "Law file written by `eampc design` (required)")
       ->type_name("FILE");
   app.add_option("--bus", options.bus_url,
-                 "socketcan:INTERFACE, or udp_multicast:GROUP:PORT (emulation only)")
-      ->required()
+                 "socketcan:INTERFACE, or udp_multicast:GROUP:PORT for emulation (required)")
       ->type_name("URL");
   app.add_option("--rig", options.rig, "Rig folder or rig.toml the law must belong to")
       ->type_name("DIR|FILE");
@@ -59,28 +67,28 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
                "Time is counted in encoder frames; no wall-clock time-outs (needs --emulation)");
   app.add_option("--realtime", request,
                  "enforce: fail without SCHED_FIFO and locked memory; warn; off")
-      ->check(CLI::IsMember(requests))
+      ->check(silent(CLI::IsMember(requests)))
       ->type_name("enforce|warn|off")
       ->capture_default_str();
   app.add_option("--cpu", options.realtime.cpu, "Pin the control thread to this processor")
-      ->check(CLI::Range(0, 1023))
+      ->check(silent(CLI::Range(0, 1023)))
       ->type_name("N");
   app.add_option("--priority", options.realtime.priority,
-                 "SCHED_FIFO priority of the control thread")
-      ->check(CLI::Range(1, 99))
-      ->type_name("1..99")
+                 "SCHED_FIFO priority of the control thread, 1 to 99")
+      ->check(silent(CLI::Range(1, 99)))
+      ->type_name("N")
       ->capture_default_str();
   app.add_option("--lcm-url", options.lcm_url, "LCM network, or none [as the law file says]")
       ->type_name("URL|none");
   app.add_option("--record", options.record_file, "Write every cycle to this CSV file")
       ->type_name("FILE");
   app.add_option("--log-level", options.log_level, "What goes to standard error")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
+      ->check(silent(CLI::IsMember({"debug", "info", "warning", "error", "off"})))
       ->type_name("debug|info|warning|error|off")
       ->capture_default_str();
   app.add_option("--ready-fd", options.ready_fd,
                  "Write \"ready\" and a newline to this descriptor once bus and socket are up")
-      ->check(CLI::Range(0, 1 << 20))
+      ->check(silent(CLI::Range(0, 1 << 20)))
       ->type_name("N");
   app.set_version_flag("--version", std::string("eampcd ") + EAMPC_VERSION);
 
@@ -95,6 +103,9 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     throw BadInput(std::string(error.what()) + " (see eampcd --help)");
   }
 
+  // Not CLI11's own requirement: it would hide a misspelt option behind the missing one.
+  if (options.law_file.empty()) throw BadInput("--law FILE is missing (see eampcd --help)");
+  if (options.bus_url.empty()) throw BadInput("--bus URL is missing (see eampcd --help)");
   options.realtime.request = requests.at(request);
   if (options.lockstep && !options.emulation) {
     throw BadInput(
