@@ -16,6 +16,7 @@ from plant_emulator.truth_log import TruthRow
 
 ANSWER_LIMIT_S = 5.0  # lock-step: how long a daemon may take for one answer
 _WAIT_SLICE_S = 0.1  # how late a request to stop may be noticed
+_OLD_FRAMES_MAX = 10000
 _BUS_PAUSE_S = 0.001  # before a bus that failed is asked again
 
 
@@ -36,8 +37,16 @@ class Pacing:
         self._node = node
         self._stop = stop
         self.counts = PacingCounts()
-        while bus.recv(0.0) is not None:  # frames from before the run are not answers
-            pass
+        self._forget_old_frames()
+
+    def _forget_old_frames(self) -> None:
+        # What came before the run is no answer; bounded, for a bus that never falls silent.
+        for _ in range(_OLD_FRAMES_MAX):
+            try:
+                if self._bus.recv(0.0) is None:
+                    return
+            except (can.CanError, OSError):
+                self.counts.receive_errors += 1
 
 
 class LockStep(Pacing):
@@ -92,6 +101,9 @@ class LockStep(Pacing):
             try:
                 message = self._bus.recv(min(left, _WAIT_SLICE_S))
             except (can.CanError, OSError) as error:
+                if not isinstance(error.__cause__ or error, OSError):
+                    self.counts.receive_errors += 1  # a datagram that is no CAN frame
+                    continue
                 raise EmulatorError(f"the bus cannot be read: {_reason(error)}") from None
             if message is not None and self._node.receive(message, 0.0):
                 return True

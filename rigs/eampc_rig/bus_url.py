@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
-import os
-import socket
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,8 @@ from eampc_rig.rig_error import RigError
 
 DEFAULT_GROUP = "239.74.163.2"  # python-can's default IPv4 group and port
 DEFAULT_PORT = 43113
+# A bus that could not be opened is our one sentence, not also python-can's warning on stderr.
+logging.getLogger("can").addHandler(logging.NullHandler())
 _TRANSPORTS = ("socketcan", "udp_multicast")
 _FORMS = f"socketcan:INTERFACE or udp_multicast:{DEFAULT_GROUP}:{DEFAULT_PORT}"
 
@@ -60,9 +61,10 @@ def parse_bus_url(url: str) -> BusAddress:
 
 
 def open_bus(url: str) -> can.BusABC:
-    """Open the bus that `url` names; frames sent here are not received here.
+    """Open the bus that `url` names. On udp_multicast a sender hears its own frames.
 
-    Multicast stays on this machine: time to live 0, loopback joined and used for sending.
+    Multicast stays on this machine: time to live 0 on the interface of the multicast route, which
+    is where python-can's own tools and the daemon join.
     Raises RigError, one sentence, if the interface does not exist, is down or may not be opened.
     """
     address = parse_bus_url(url)
@@ -84,9 +86,8 @@ def _open_socketcan(address: BusAddress) -> can.BusABC:
     try:
         bus: can.BusABC = can.Bus(interface="socketcan", channel=name)
     except (OSError, can.CanError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise RigError(
-            f'bus "{address}": cannot be opened ({reason}); check "ip link show {name}"'
+            f'bus "{address}": cannot be opened ({_reason(error)}); check "ip link show {name}"'
         ) from None
     return bus
 
@@ -108,25 +109,13 @@ def _open_multicast(address: BusAddress) -> can.BusABC:
             fd=False,
         )
     except (OSError, can.CanError) as error:
+        cause = error.__cause__ or error
         raise RigError(
-            f'bus "{address}": multicast cannot be opened ({error}); give this machine a route '
-            "for it (ip route add 224.0.0.0/4 dev lo)"
+            f'bus "{address}": multicast cannot be opened ({_reason(cause)}); a machine without a '
+            f"network needs a route for it (ip route add {address.channel}/32 dev lo)"
         ) from None
-    _keep_on_loopback(bus, address.channel)
     return bus
 
 
-def _keep_on_loopback(bus: can.BusABC, group: str) -> None:
-    # A duplicate of the descriptor shares the socket's options.
-    with socket.socket(fileno=os.dup(bus.fileno())) as shared:
-        loopback = socket.inet_aton("127.0.0.1")
-        shared.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
-        try:
-            shared.setsockopt(
-                socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + loopback
-            )
-        except OSError as error:
-            bus.shutdown()
-            raise RigError(
-                f"bus udp_multicast:{group}: loopback cannot join the group ({error.strerror})"
-            ) from None
+def _reason(error: BaseException) -> str:
+    return getattr(error, "strerror", None) or " ".join(str(error).split())

@@ -267,6 +267,8 @@ def test_foreign_traffic_is_not_an_answer(url: str, reference_frames: Frames) ->
             can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(8)),
         ):
             pretend.bus.send(noise)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.sendto(b"no CAN frame", ("127.0.0.1", int(url.rsplit(":", 1)[1])))
         time.sleep(0.02)
         pretend.answer(bytes(message.data))
     out, _ = finish(process)
@@ -278,8 +280,6 @@ def test_open_bus_keeps_to_this_machine(url: str) -> None:
     bus = open_bus(url)
     with socket.socket(fileno=socket.dup(bus.fileno())) as shared:
         assert shared.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
-        interface = shared.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4)
-        assert socket.inet_ntoa(interface) == "127.0.0.1"
     bus.shutdown()
 
 
