@@ -2,6 +2,11 @@
 
 namespace eampc::control {
 
+double DisturbanceEstimator::settled_share() const noexcept {
+  const EstimatorConfig& e = config_.estimator;
+  return e.as_printed ? e.decay / e.held_integral_s * config_.model.period_s : e.decay;
+}
+
 MeasuredVector DisturbanceEstimator::sigma_of_error() const noexcept {
   const EstimatorConfig& e = config_.estimator;
   if (e.as_printed) {
@@ -56,7 +61,7 @@ DisturbanceEstimate DisturbanceEstimator::update(const StateEstimate& state) noe
       x_tilde_ = error_of_sigma();
     }
     const bool compensate = adaptive && e.bias_compensation;
-    for_law_ += e.low_pass_alpha * ((compensate ? 1.0 / e.decay : 1.0) * sigma_ - for_law_);
+    for_law_ += e.low_pass_alpha * ((compensate ? 1.0 / settled_share() : 1.0) * sigma_ - for_law_);
   }
   x_ = StateVector(state.x[0], state.x[1], state.x[2]);
   return {{sigma_[0], sigma_[1]}, {for_law_[0], for_law_[1]}};

@@ -31,6 +31,8 @@ class DisturbanceEstimator {
   void enter_active() noexcept;
 
  private:
+  // Where σ̂ settles under a constant δ = 1: e^{−aT}, or T Φ(T) with x held.
+  double settled_share() const noexcept;
   MeasuredVector sigma_of_error() const noexcept;
   MeasuredVector error_of_sigma() const noexcept;
 
