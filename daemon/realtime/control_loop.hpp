@@ -56,7 +56,7 @@ struct LoopCounters {
   std::int64_t encoder_frames = 0;
   std::int64_t valid_frames = 0;
   std::int64_t encoder_timeouts = 0;   // periods that passed without a frame
-  std::int64_t superseded_frames = 0;  // waited behind a newer one: the loop woke too late
+  std::int64_t superseded_frames = 0;  // waited behind a newer one
   std::int64_t late_frames = 0;
   std::int64_t duplicate_frames = 0;
   std::int64_t invalid_frames = 0;

@@ -1,4 +1,4 @@
-"""python-can's own udp_multicast bus against the daemon's: the same frames on the wire, in both directions."""
+"""python-can's own udp_multicast bus against the daemon's: the same frames in both directions."""
 
 import csv
 import struct
@@ -44,7 +44,7 @@ def test_every_encoder_frame_gets_one_command(bus, lockstep):
         command = node.decode(answer(bus))
         assert command["Counter"] == cycle % 16
         assert (command["U1"], command["U2"], command["Enable"]) == (0.0, 0.0, 0)
-    counters = lockstep.operator().ask(command="status")["counters"]
+    counters = lockstep.status_after(50)["counters"]
     assert counters["encoder_frames"] == counters["cycles"] == 50
     assert counters["missed_cycles"] == 0
 
@@ -67,7 +67,7 @@ def test_arm_at_cycle_is_exact_and_repeats(bus, tmp_path):
                 bus.send(node.frame())
                 run.append(bytes(answer(bus).data))
             commands.append(run)
-            assert operator.ask(command="status")["mode"] == "ACTIVE"
+            assert daemon.status_after(100)["mode"] == "ACTIVE"
             assert daemon.stop() == 0
             while bus.recv(0.1) is not None:  # its last, safe frame
                 pass
@@ -92,7 +92,7 @@ def test_sigterm_vents_and_sends_the_safe_frame_last(bus, lockstep):
         last = node.decode(answer(bus))
     assert last["Enable"] == 1
     assert last["U1"] == pytest.approx(BIAS_V, abs=0.5)
-    # The plant stops answering: in lock-step no cycle comes any more, the daemon must not wait for one.
+    # The plant stops: in lock-step no cycle comes any more, the daemon must not wait for one.
     assert lockstep.stop(limit_s=10.0) == 0
     final = node.decode(answer(bus))
     assert (final["U1"], final["U2"], final["Enable"]) == (0.0, 0.0, 0)
@@ -180,7 +180,7 @@ def test_foreign_frames_do_no_harm(bus, lockstep):
     node = EncoderNode()
     bus.send(node.frame())
     assert node.decode(answer(bus))["Counter"] == 0
-    assert lockstep.operator().ask(command="status")["counters"]["ignored_frames"] >= 9
+    assert lockstep.status_after(1)["counters"]["ignored_frames"] >= 9
 
 
 def test_operator_socket_refuses_nonsense(lockstep):
@@ -218,7 +218,8 @@ def test_table_reference_is_followed(bus, lockstep):
     for _ in range(ARMING_CYCLES + 51):
         bus.send(node.frame())
         answer(bus)
-    assert operator.ask(command="status")["reference_angle_rad"] == pytest.approx(0.050)
+    status = lockstep.status_after(ARMING_CYCLES + 51)
+    assert status["reference_angle_rad"] == pytest.approx(0.050)
 
 
 def test_a_second_daemon_is_refused_the_socket(lockstep, tmp_path):

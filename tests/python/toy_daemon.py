@@ -1,7 +1,8 @@
-"""A running eampcd with a toy law, and the other end of its bus and of its operator socket, for tests.
+"""A running eampcd with a toy law, and the other end of its bus and operator socket, for tests.
 
-The law is one affine piece on an ideal joint (u = u_ss - k e), the frames are those of rigs/reference/reference.dbc.
-Nothing of the project is imported: what the daemon says is judged against cantools, python-can and zlib alone.
+The law is one affine piece on an ideal joint (u = u_ss - k e), the frames are those of
+rigs/reference/reference.dbc. Nothing of the project is imported: what the daemon says is judged
+against cantools, python-can and zlib alone.
 """
 
 import os
@@ -188,7 +189,7 @@ def law_bytes(payload: dict | None = None) -> bytes:
 
 
 def crc8_j1850(data: bytes) -> int:
-    """Poly 0x1D, init and final XOR 0xFF; 0x4B over "123456789" (AUTOSAR CRC library, table of results)."""
+    """Poly 0x1D, init and final XOR 0xFF; 0x4B over "123456789" (AUTOSAR CRC library)."""
     crc = 0xFF
     for byte in data:
         crc ^= byte
@@ -313,6 +314,14 @@ class Daemon:
 
     def operator(self) -> Operator:
         return Operator(self.socket_path)
+
+    def status_after(self, cycles: int, limit_s: float = 10.0) -> dict:
+        """The status once so many cycles are counted: a command leaves before it is counted."""
+        end = time.monotonic() + limit_s
+        operator = self.operator()
+        while (status := operator.ask(command="status"))["counters"]["cycles"] < cycles:
+            assert time.monotonic() < end, f"{cycles} cycles expected: {status}"
+        return status
 
     def stop(self, limit_s: float = 60.0) -> int:
         self.process.send_signal(signal.SIGTERM)
