@@ -41,7 +41,7 @@ class PlayedDaemon:
                 try:
                     for byte in reply:  # the client must cope with any split of the stream
                         connection.sendall(bytes([byte]))
-                except BrokenPipeError:  # it has seen enough
+                except OSError:  # it has seen enough and hung up
                     return
 
     def close(self) -> None:
