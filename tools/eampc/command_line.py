@@ -8,8 +8,6 @@ import sys
 from typing import Annotated
 
 import typer
-from eampc_rig import RigError
-
 from eampc import (
     commands_design,
     commands_emulate,
@@ -50,7 +48,15 @@ def _options(
 ) -> None: ...
 
 
-commands_design.register(app)
+law_app = typer.Typer(
+    help="Look into law files.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    epilog="Example: eampc law show rig.law",
+)
+app.command(epilog="Example: eampc design rigs/reference -o rig.law")(commands_design.design)
+law_app.command(epilog="Example: eampc law show rig.law")(commands_design.show)
+app.add_typer(law_app, name="law")
 commands_hil.register(app)
 commands_emulate.register(app)
 commands_operator.register(app)
@@ -69,8 +75,6 @@ def run(arguments: list[str]) -> int:
         sys.stdout.flush()
     except UserError as error:
         return _tell(error, error.exit_code)
-    except RigError as error:
-        return _tell(error, BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):
         return _tell("interrupted", INTERRUPTED)
     except BrokenPipeError:
@@ -78,11 +82,20 @@ def run(arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
+        if _is_rig_error(error):
+            return _tell(error, BAD_INPUT)
         # Typer's usage errors have these two; where its classes live depends on its version.
         if not (hasattr(error, "format_message") and hasattr(error, "exit_code")):
             raise
         return _tell(_usage_sentence(error), BAD_INPUT)
     return code if isinstance(code, int) else 0
+
+
+def _is_rig_error(error: Exception) -> bool:
+    # Imported only now: half of the start-up time, and most commands have no rig file.
+    from eampc_rig import RigError
+
+    return isinstance(error, RigError)
 
 
 def _usage_sentence(error: Exception) -> str:

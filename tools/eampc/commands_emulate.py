@@ -4,7 +4,6 @@ import os
 import sys
 
 import typer
-
 from eampc.hil.processes import emulator_command
 
 

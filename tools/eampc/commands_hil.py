@@ -6,13 +6,16 @@ import importlib.metadata
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from eampc.user_error import UserError
+
+if TYPE_CHECKING:
+    from eampc_rig import Rig
 
 DEFAULT_MULTICAST = "udp_multicast:239.74.163.2:43113"
 # A pipe has no width; the table of figures needs this much.
@@ -182,7 +185,9 @@ def _run(
     parse_bus_url(bus_url)
     daemon_program()
     console = _console()
-    law_path = checked_law(law, loaded) if law else cached_law(loaded, console)
+    law_path = (
+        checked_law(law, loaded) if law else cached_law(loaded, lambda path: _design(loaded, path))
+    )
     folder = make_folder(
         out or Path("reports") / "-".join(filter(None, (loaded.rig.name, variant)))
     )
@@ -238,7 +243,22 @@ def _run(
     return all(run.assessment.passed for run in runs)
 
 
-def _scenario_names(rig: Any, wanted: str) -> list[str]:
+def _design(rig: "Rig", path: Path) -> None:
+    """Designs the rig's law into `path` under a progress bar."""
+    from eampc.design import design
+
+    with _progress() as progress:
+        task = progress.add_task("law", total=None)
+
+        def show(step: str, done: int, total: int) -> None:
+            progress.update(task, description=f"law: {step}", completed=done, total=total or None)
+
+        law = design(rig, progress=show)
+    law.save(path)
+    typer.echo(f"law: designed {path} ({law.statistics['regions']} regions)")
+
+
+def _scenario_names(rig: "Rig", wanted: str) -> list[str]:
     if wanted == "all" and rig.scenarios:
         return list(rig.scenarios)
     if wanted not in rig.scenarios:

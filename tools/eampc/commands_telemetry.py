@@ -12,7 +12,9 @@ import typer
 
 def register(app: typer.Typer) -> None:
     app.command(epilog="Example: eampc spy")(spy)
-    app.command(epilog="Example: lcm-logger run.lcmlog; eampc plot run.lcmlog --out figures")(plot)
+    app.command(
+        epilog="Example: eampc plot run.lcmlog --out figures (recorded by: lcm-logger run.lcmlog)"
+    )(plot)
 
 
 def spy(

@@ -6,9 +6,8 @@ from types import TracebackType
 from typing import Self
 
 import can
-from eampc_rig import open_bus
-
 from eampc.user_error import UserError
+from eampc_rig import open_bus
 
 POLL_S = 0.1
 

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -64,7 +66,7 @@ def write_figures(data: LoopData, folder: Path) -> list[Path]:
         ("error", len(data.cycle_time_s) + len(data.plant_time_s) > 0, _error),
         ("voltages", len(data.cycle_time_s) > 0, _voltages),
         ("disturbance", len(data.cycle_time_s) + len(data.plant_time_s) > 0, _disturbance),
-        ("timing", bool(np.isfinite(data.arrival_to_sent_us).any()), _timing),
+        ("timing", bool(np.any(data.arrival_to_sent_us > 0.0)), _timing),
     ]
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -134,10 +136,15 @@ def _measured(data: LoopData) -> tuple[Array, Array, Array]:
 def _tracking(figure: Figure, data: LoopData) -> None:
     time_s, reference, angle = _measured(data)
     axes = _axes(figure, data, "reference and output", "joint angle, rad")
-    axes.plot(time_s, angle, color=BLUE, linewidth=1.8, label="output θ")
+    axes.plot(time_s, angle, color=BLUE, linewidth=1.8, label=r"output $\theta$")
     if len(reference):
         axes.plot(
-            time_s, reference, color="black", linewidth=1.1, linestyle="--", label="reference θ_r"
+            time_s,
+            reference,
+            color="black",
+            linewidth=1.1,
+            linestyle="--",
+            label=r"reference $\theta_r$",
         )
     if data.angle_max_rad is not None:
         seen = np.nanmax(np.abs(np.concatenate([angle, reference])), initial=0.0)
@@ -148,7 +155,7 @@ def _tracking(figure: Figure, data: LoopData) -> None:
 
 def _error(figure: Figure, data: LoopData) -> None:
     time_s, reference, angle = _measured(data)
-    axes = _axes(figure, data, "error", "θ − θ_r, mrad")
+    axes = _axes(figure, data, "error", r"$\theta-\theta_r$, mrad")
     if len(reference) == 0:
         return
     error_mrad = 1e3 * (angle - reference)
@@ -195,6 +202,7 @@ def _disturbance(figure: Figure, data: LoopData) -> None:
             linewidth=1.1,
             linestyle="--",
             label="d (plant)",
+            zorder=3,
         )
     if len(data.cycle_time_s):
         axes.plot(
@@ -222,6 +230,7 @@ def _timing(figure: Figure, data: LoopData) -> None:
                 data.cycle_time_s, _positive(values), ".", markersize=2, color=colour, label=label
             )
     left.set_yscale("log")
+    _plain_numbers(left.yaxis)
     left.legend(loc="lower right", fontsize=7, markerscale=5, framealpha=0.9)
     _latency_tail(right, data)
 
@@ -233,6 +242,7 @@ def _latency_tail(axes: Axes, data: LoopData) -> None:
     _dress(axes, "how often it took longer", "arrival to sent, µs", "fraction of cycles")
     axes.step(total, rarer, color=BLUE, where="post")
     axes.set_xscale("log")
+    _plain_numbers(axes.xaxis)
     axes.set_yscale("log")
     for fraction, name in ((0.5, "p50"), (0.99, "p99"), (1.0, "max")):
         value = float(np.quantile(total, fraction))
@@ -248,6 +258,13 @@ def _latency_tail(axes: Axes, data: LoopData) -> None:
         )
     if data.period_s is not None and total[-1] > 0.2e6 * data.period_s:
         axes.axvline(1e6 * data.period_s, color=RED, linestyle="--", linewidth=1.0)
+
+
+def _plain_numbers(axis: Axis) -> None:
+    """100 instead of 10², and 1, 2, 5 of each decade."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _positive(values: Array) -> Array:

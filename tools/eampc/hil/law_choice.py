@@ -1,17 +1,17 @@
-"""Which law a run uses: the file that was named, if it belongs to the rig, or one designed and kept.
+"""Which law a run uses: the named file if it belongs to the rig, or one designed and kept.
 
 A law belongs to a rig if both come from the same inputs: every design value and the DBC. Scenarios,
 tolerances and the emulated plant are no inputs, so changing them needs no new law.
 """
 
+import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
 
-from eampc_rig import Rig
-
 from eampc.law_file import read_law
 from eampc.user_error import UserError
+from eampc_rig import Rig
 
 
 def checked_law(path: Path, rig: Rig) -> Path:
@@ -31,8 +31,8 @@ def checked_law(path: Path, rig: Rig) -> Path:
 
 
 def cached_law(rig: Rig, design_to: Callable[[Path], None]) -> Path:
-    """The kept law for these very inputs; `design_to` writes it if there is none, or a damaged one."""
-    path = cache_folder() / f"{rig.rig.name}-{rig.inputs_sha256[:12]}.law"
+    """The kept law for these very inputs; `design_to` writes it if there is no sound one."""
+    path = cache_folder() / f"{rig.rig.name}-{rig.inputs_sha256[:12]}-{design_identity()}.law"
     if path.exists():
         try:
             return checked_law(path, rig)
@@ -46,6 +46,15 @@ def cached_law(rig: Rig, design_to: Callable[[Path], None]) -> Path:
         ) from None
     design_to(path)
     return path
+
+
+def design_identity() -> str:
+    """Of the program that designs: another build must not be given the laws of this one."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for file in sorted([*package.glob("_core*.so"), package / "design.py"]):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:8]
 
 
 def cache_folder() -> Path:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-
 from eampc.user_error import RunFailed
+from numpy.typing import NDArray
 
 TRUTH_COLUMNS = [
     "frame",

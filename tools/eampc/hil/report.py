@@ -9,12 +9,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from eampc_rig import Rig
-from rich.table import Table
-
 from eampc.hil.assessment import Judged, scenario_rows
 from eampc.hil.figures import LoopData, write_figures
 from eampc.hil.run import ScenarioRun
+from eampc_rig import Rig
+from rich.table import Table
 
 MRAD = 1e3
 
@@ -194,7 +193,12 @@ def unmet(run: ScenarioRun) -> list[str]:
 
 
 def _demand_text(demand: Judged) -> str:
-    relation = "within" if demand.met else "exceeds"
+    relation = {
+        (True, False): "is within",
+        (False, False): "exceeds",
+        (True, True): "is not below",
+        (False, True): "falls below",
+    }[demand.met, demand.at_least]
     unit = f" {demand.unit}" if demand.unit else ""
     return f"{demand.name} {demand.value:.6g}{unit} {relation} {demand.limit:.6g}{unit}"
 

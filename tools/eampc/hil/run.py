@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eampc_rig import Rig
-
 from eampc.hil.assessment import Assessment, assess
 from eampc.hil.processes import (
     Ensemble,
@@ -29,6 +27,7 @@ from eampc.hil.recording import RECORD_COLUMNS, TRUTH_COLUMNS, Recording, read_r
 from eampc.hil.scenario_reference import reference_angle, send_reference
 from eampc.operator_client import OperatorClient
 from eampc.user_error import RunFailed
+from eampc_rig import Rig
 
 # Frames before arming: the estimator settles on the resting joint and the operator's commands are
 # in.
@@ -88,7 +87,8 @@ def timetable(rig: Rig, scenario_name: str) -> Timetable:
     period_s = rig.control.period_s
     active = ARM_CYCLE + round(rig.safety.arming_ramp_s / period_s)
     disarm = active + round(rig.scenarios[scenario_name].duration_s / period_s)
-    stop = round((rig.safety.soft_stop_ramp_s + REST_S) / period_s)
+    # A soft stop is two ramps: to the bias, then to the safe voltage.
+    stop = round((2 * rig.safety.soft_stop_ramp_s + REST_S) / period_s)
     return Timetable(ARM_CYCLE, active, disarm, disarm + stop)
 
 
@@ -144,7 +144,7 @@ def run_scenario(
     return ScenarioRun(
         name=scenario_name,
         folder=folder,
-        assessment=assess(rig, scenario_name, reference_rad, truth, record),
+        assessment=assess(rig, scenario_name, reference_rad, truth, record, settings.lockstep),
         truth=truth,
         record=record,
         reference_rad=reference_rad,
@@ -192,5 +192,5 @@ def _watch(
     for _ in ensemble.supervise(emulator, limit_s):
         if time.monotonic() - asked >= STATUS_INTERVAL_S:
             asked = time.monotonic()
-            progress(min(1.0, client.status()["cycle"] / times.end))
+            progress(min(1.0, max(0.0, client.status()["cycle"] / times.end)))
     progress(1.0)
