@@ -87,7 +87,7 @@ def emulate(
         signal.signal(number, lambda *_: stop.set())
     link = open_bus(bus)
     try:
-        pacing: Pacing = (LockStep if lockstep else RealTime)(link, node, stop)
+        pacing = (LockStep if lockstep else RealTime)(link, node, stop)
         way = "lock-step" if lockstep else "real time"
         print(f"{PROGRAM}: rig {loaded.rig.name} on {bus} in {way}", flush=True)
         done = _run(pacing, frames, truth, telemetry)

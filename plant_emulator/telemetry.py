@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from typing import Any
@@ -27,6 +30,29 @@ _FIELDS = (
 )
 
 
+class _LibraryChatter:
+    """Keeps what the LCM library itself prints on standard error: a paragraph on routes where one
+    sentence will do."""
+
+    def __enter__(self) -> _LibraryChatter:
+        sys.stderr.flush()
+        self._kept = tempfile.TemporaryFile()
+        self._stderr = os.dup(2)
+        os.dup2(self._kept.fileno(), 2)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.dup2(self._stderr, 2)
+        os.close(self._stderr)
+        self._kept.close()
+
+    def first_line(self) -> str:
+        """Return the first line printed so far, or nothing."""
+        self._kept.seek(0)
+        lines = self._kept.read().decode("utf-8", "replace").split("\n")
+        return lines[0].strip()
+
+
 class Telemetry:
     """Publishes rows of the truth log; a network that refuses is reported once, then left alone."""
 
@@ -49,12 +75,14 @@ class Telemetry:
                 f"LCM telemetry needs the module {error.name}, which is not installed; install "
                 "eampc, or give --lcm-url none"
             ) from None
-        try:
-            self._lcm = lcm.LCM(url)
-        except (RuntimeError, OSError) as error:
-            raise RigError(
-                f'LCM cannot be opened at "{url}" ({error}); check the URL, or give --lcm-url none'
-            ) from None
+        with _LibraryChatter() as chatter:
+            try:
+                self._lcm = lcm.LCM(url)
+            except (RuntimeError, OSError) as error:
+                raise RigError(
+                    f'LCM cannot be opened at "{url}" ({chatter.first_line() or error}); check '
+                    "the URL and the multicast route, or give --lcm-url none"
+                ) from None
         self._plant_t = plant_t
 
     def publish(self, row: TruthRow) -> None:

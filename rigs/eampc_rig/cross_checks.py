@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from eampc_rig.rig_file import Rig
+    from eampc_rig.scenario_sections import DisturbanceTerm
 
 # Keys that one choice makes necessary: (section, key of the choice, value, needed keys).
 _NEEDED: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
@@ -157,20 +158,28 @@ def _emulator(rig: Rig) -> Iterator[str]:
 
 
 def _scenarios(rig: Rig) -> Iterator[str]:
+    yield from _pulses("emulator.disturbance", rig.emulator.disturbance)
     for name, scenario in rig.scenarios.items():
         key = f"scenarios.{name}"
-        for index, term in enumerate(scenario.disturbance):
-            if term.kind == "pulse" and term.end_s <= term.start_s:
-                yield (
-                    f"{key}.disturbance.{index}.end_s is {term.end_s} s, but must be greater "
-                    f"than start_s = {term.start_s} s"
-                )
+        yield from _pulses(f"{key}.disturbance", scenario.disturbance)
         if scenario.reference.kind == "csv":
             table = rig.folder / scenario.reference.file
             if not table.is_file():
-                yield f"{key}.reference.file names {table}, which does not exist"
+                yield (
+                    f'{key}.reference.file names "{scenario.reference.file}", but {table} does '
+                    "not exist; put the table there"
+                )
         if scenario.tolerance.rms_from_s >= scenario.duration_s:
             yield (
                 f"{key}.tolerance.rms_from_s is {scenario.tolerance.rms_from_s} s, but must be "
                 f"less than {key}.duration_s = {scenario.duration_s} s"
+            )
+
+
+def _pulses(key: str, terms: tuple[DisturbanceTerm, ...]) -> Iterator[str]:
+    for index, term in enumerate(terms):
+        if term.kind == "pulse" and term.end_s <= term.start_s:
+            yield (
+                f"{key}.{index}.end_s is {term.end_s} s, but must be greater than "
+                f"{key}.{index}.start_s = {term.start_s} s"
             )

@@ -69,9 +69,11 @@ def resolve_frames(rig: Rig) -> Frames:
     for role in ("u1", "u2"):
         signal = f"bus.valve_command.{role}_signal"
         _check_range(rig, frames.valve_command, role, signal, "valve.min_V..max_V", low, high)
-    limit = rig.constraints.angle_max_rad
-    signal = "bus.encoder.angle_signal"
-    _check_range(rig, frames.encoder, "angle", signal, "constraints.angle_max_rad", -limit, limit)
+    for role, limit_key in (("angle", "angle_max_rad"), ("velocity", "velocity_max_rad_s")):
+        if role in frames.encoder.roles:
+            limit = getattr(rig.constraints, limit_key)
+            signal, origin = f"bus.encoder.{role}_signal", f"constraints.{limit_key}"
+            _check_range(rig, frames.encoder, role, signal, origin, -limit, limit)
     return frames
 
 

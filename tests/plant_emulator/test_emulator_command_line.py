@@ -31,7 +31,7 @@ URL = "udp_multicast:239.74.163.2:43999"
         ([RIG, "--bus", URL, "--log", "truth.txt"], "must end in .csv or .npz"),
         ([RIG, "--bus", URL, "--log", "/nowhere/truth.csv"], "the folder /nowhere does not exist"),
         (["/nowhere", "--bus", URL], "/nowhere: there is no such file"),
-        ([RIG, "--bus", URL, "--lcm-url", "udp://x"], "give --lcm-url none"),
+        ([RIG, "--bus", URL, "--lcm-url", "udp://x"], "or give --lcm-url none"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_2(

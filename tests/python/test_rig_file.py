@@ -169,6 +169,19 @@ def test_a_rig_is_frozen() -> None:
             {"scenarios.step.tolerance.rms_from_s": 9.0},
             "scenarios.step.tolerance.rms_from_s is 9.0 s, but must be less than",
         ),
+        (
+            {"constraints.velocity_max_rad_s": 20.0},
+            "bus.encoder.velocity_signal carries -16.384..16.3835 in reference.dbc, but "
+            "constraints.velocity_max_rad_s asks for -20..20",
+        ),
+        (
+            {
+                "emulator.disturbance": [
+                    {"kind": "pulse", "amplitude_rad_s2": 1.0, "start_s": 2.0, "end_s": 1.0}
+                ]
+            },
+            "emulator.disturbance.0.end_s is 1.0 s, but must be greater than",
+        ),
         ({"rig.name.first": 1}, 'override rig.name.first leads nowhere; "first" is looked up in'),
     ],
 )
