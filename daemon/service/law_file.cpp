@@ -277,8 +277,14 @@ std::size_t promised_size(std::span<const std::uint8_t> bytes) {
 
 msgpack::object_handle unpacked(const char* data, std::size_t size, const std::string& file,
                                 const char* what) {
+  // Headers that promise millions of entries are damage; without a limit they would be allocated
+  // first.
+  constexpr std::size_t kEntries = 10'000;
+  constexpr std::size_t kBytes = 0xFFFFFFFF;
+  constexpr std::size_t kDepth = 32;
   try {
-    return msgpack::unpack(data, size);
+    return msgpack::unpack(data, size, nullptr, nullptr,
+                           msgpack::unpack_limit(kEntries, kEntries, kBytes, kBytes, 0, kDepth));
   } catch (const msgpack::unpack_error&) {
     throw LawFileError(file + ": " + what + " is not whole MessagePack" + kRemedy);
   }

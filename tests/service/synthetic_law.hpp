@@ -1,0 +1,205 @@
+// A small valid law file, built key by key with msgpack, and ways to damage it: u = −40 e1 − 2 e2 +
+// u_ss on the ideal-valve reference joint, its only split at e1 = 0 with the same piece on both
+// sides.
+#pragma once
+
+#include <zlib.h>
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <msgpack.hpp>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace eampc::service {
+
+// A MessagePack value that can be built and changed.
+struct Tree {
+  using Map = std::map<std::string, Tree>;
+  using List = std::vector<Tree>;
+  using Bytes = std::vector<char>;
+  std::variant<std::nullptr_t, bool, std::int64_t, double, std::string, Bytes, List, Map> value =
+      nullptr;
+
+  Tree() = default;
+  Tree(bool v) : value(v) {}                      // NOLINT(google-explicit-constructor)
+  Tree(int v) : value(std::int64_t{v}) {}         // NOLINT(google-explicit-constructor)
+  Tree(std::int64_t v) : value(v) {}              // NOLINT(google-explicit-constructor)
+  Tree(double v) : value(v) {}                    // NOLINT(google-explicit-constructor)
+  Tree(const char* v) : value(std::string(v)) {}  // NOLINT(google-explicit-constructor)
+  Tree(Bytes v) : value(std::move(v)) {}          // NOLINT(google-explicit-constructor)
+  Tree(List v) : value(std::move(v)) {}           // NOLINT(google-explicit-constructor)
+  Tree(Map v) : value(std::move(v)) {}            // NOLINT(google-explicit-constructor)
+
+  Tree& operator[](const std::string& key) { return std::get<Map>(value)[key]; }
+  void erase(const std::string& key) { std::get<Map>(value).erase(key); }
+
+  void pack(msgpack::packer<msgpack::sbuffer>& to) const {
+    if (const auto* v = std::get_if<bool>(&value)) {
+      to.pack(*v);
+    } else if (const auto* whole = std::get_if<std::int64_t>(&value)) {
+      to.pack(*whole);
+    } else if (const auto* number = std::get_if<double>(&value)) {
+      to.pack(*number);
+    } else if (const auto* text = std::get_if<std::string>(&value)) {
+      to.pack(*text);
+    } else if (const auto* bytes = std::get_if<Bytes>(&value)) {
+      to.pack_bin(static_cast<std::uint32_t>(bytes->size()));
+      to.pack_bin_body(bytes->data(), static_cast<std::uint32_t>(bytes->size()));
+    } else if (const auto* list = std::get_if<List>(&value)) {
+      to.pack_array(static_cast<std::uint32_t>(list->size()));
+      for (const Tree& entry : *list) entry.pack(to);
+    } else if (const auto* map = std::get_if<Map>(&value)) {
+      to.pack_map(static_cast<std::uint32_t>(map->size()));
+      for (const auto& [key, entry] : *map) {
+        to.pack(key);
+        entry.pack(to);
+      }
+    } else {
+      to.pack_nil();
+    }
+  }
+};
+
+template <typename T>
+Tree array(const std::vector<int>& shape, const std::vector<T>& values) {
+  Tree::List sizes;
+  for (const int size : shape) sizes.emplace_back(size);
+  const char* first = reinterpret_cast<const char*>(values.data());
+  return Tree::Map{
+      {"shape", sizes},
+      {sizeof(T) == 8 ? "f64" : "i32", Tree::Bytes(first, first + values.size() * sizeof(T))}};
+}
+
+inline Tree matrix(int rows, int columns, const std::vector<double>& values) {
+  return array({rows, columns}, values);
+}
+inline Tree vector(const std::vector<double>& values) {
+  return array({static_cast<int>(values.size())}, values);
+}
+
+inline Tree signal(int start, int length, bool is_signed, double factor) {
+  return Tree::Map{{"start_bit", start},     {"length", length}, {"little_endian", true},
+                   {"is_signed", is_signed}, {"factor", factor}, {"offset", 0}};
+}
+
+inline Tree synthetic_payload() {
+  const Tree crc181 = Tree::Map{{"byte", 7}, {"data_id", 0x181}};
+  const Tree crc201 = Tree::Map{{"byte", 7}, {"data_id", 0x201}};
+  return Tree::Map{
+      {"rig", Tree::Map{{"name", "synthetic"},
+                        {"description", "a joint of a test"},
+                        {"variant", ""},
+                        {"inputs_sha256", "0123456789abcdef"},
+                        {"inputs_crc32", std::int64_t{4000000000}},
+                        {"eampc_version", "0.1.0"}}},
+      {"timing", Tree::Map{{"period_s", 0.005}, {"trigger", "encoder"}}},
+      {"model", Tree::Map{{"order", 2},
+                          {"A", matrix(2, 2, {0, 1, -300, -10})},
+                          {"B", vector({0, 38})},
+                          {"A_star", matrix(2, 2, {0.996, 0.0049, -1.46, 0.947})},
+                          {"B_star", vector({0.0005, 0.185})},
+                          {"D", matrix(2, 2, {0.005, 0.000012, -0.0037, 0.0049})},
+                          {"b", 38.0},
+                          {"b1", -300.0},
+                          {"b2", -10.0},
+                          {"valve_time_constant_s", 0.0}}},
+      {"estimator", Tree::Map{{"kind", "adaptive"},
+                              {"decay", 0.975},
+                              {"D_inverse", matrix(2, 2, {200, -0.5, 150, 204})},
+                              {"bias_compensation", true},
+                              {"low_pass_alpha", 0.22},
+                              {"as_printed", false},
+                              {"kalman_state_gain", vector({0, 0})},
+                              {"kalman_disturbance_gain", 0.0}}},
+      {"law", Tree::Map{{"formulation", "tracking"},
+                        {"reference_is_parameter", false},
+                        {"fixed_reference_rad", 0.0},
+                        {"u_min", -10.0},
+                        {"u_max", 10.0},
+                        {"parameter_names", Tree::List{"e1", "e2", "u_ss", "y_r", "dy_r"}},
+                        {"parameter_units", Tree::List{"rad", "rad/s", "", "rad", "rad/s"}},
+                        {"lower", vector({-1.5, -10, -22, -1, -6})},
+                        {"upper", vector({1.5, 10, 22, 1, 6})},
+                        {"tree", Tree::Map{{"root", 0},
+                                           {"depth", 1},
+                                           {"hyperplanes", matrix(1, 6, {1, 0, 0, 0, 0, 0})},
+                                           {"children", array<std::int32_t>({1, 2}, {-1, -1})},
+                                           {"piece_gain", matrix(1, 5, {-40, -2, 1, 0, 0})},
+                                           {"piece_offset", vector({0})}}},
+                        {"statistics", Tree::Map{{"regions", 1},
+                                                 {"pieces", 1},
+                                                 {"depth", 1},
+                                                 {"nodes", 1},
+                                                 {"rows_before", 2},
+                                                 {"rows_kept", 2},
+                                                 {"seconds", 0.1}}}}},
+      {"valve", Tree::Map{{"bias_V", 5},
+                          {"control_gain_V", 0.45},
+                          {"min_V", 0},
+                          {"max_V", 10},
+                          {"safe_V", 0.0},
+                          {"slew_max_V_per_s", 4000.0}}},
+      {"safety", Tree::Map{{"encoder_timeout_s", 0.02},
+                           {"arming_ramp_s", 0.5},
+                           {"soft_stop_ramp_s", 0.5},
+                           {"encoder_timeout_action", "soft_stop"},
+                           {"encoder_invalid_action", "vent_ramp"},
+                           {"reference_angle_max_rad", 1.0}}},
+      {"bus", Tree::Map{{"encoder",
+                         Tree::Map{{"id", 0x181},
+                                   {"extended", false},
+                                   {"length", 8},
+                                   {"crc", crc181},
+                                   {"signals", Tree::Map{{"angle", signal(0, 24, true, 4.8e-5)},
+                                                         {"velocity", signal(24, 16, true, 0.0005)},
+                                                         {"counter", signal(40, 4, false, 1)},
+                                                         {"status", signal(44, 4, false, 1)}}}}},
+                        {"valve_command",
+                         Tree::Map{{"id", 0x201},
+                                   {"extended", false},
+                                   {"length", 8},
+                                   {"crc", crc201},
+                                   {"signals", Tree::Map{{"u1", signal(0, 16, true, 0.001)},
+                                                         {"u2", signal(16, 16, true, 0.001)},
+                                                         {"enable", signal(32, 1, false, 1)},
+                                                         {"counter", signal(36, 4, false, 1)}}}}},
+                        {"sync", Tree::Map{{"id", 128},
+                                           {"extended", false},
+                                           {"length", 1},
+                                           {"counter_signal", signal(0, 8, false, 1)}}},
+                        {"valve_feedback", Tree()}}},
+      {"telemetry",
+       Tree::Map{{"lcm_url", "none"}, {"state_decimation", 1}, {"reference_by_lcm", false}}},
+  };
+}
+
+inline std::vector<std::uint8_t> bytes_of(const msgpack::sbuffer& buffer) {
+  return {reinterpret_cast<const std::uint8_t*>(buffer.data()),
+          reinterpret_cast<const std::uint8_t*>(buffer.data()) + buffer.size()};
+}
+
+inline std::vector<std::uint8_t> law_bytes(const Tree& payload, std::int64_t version = 1,
+                                           const std::string& format = "eampc-law") {
+  msgpack::sbuffer inner;
+  msgpack::packer<msgpack::sbuffer> inner_packer(inner);
+  payload.pack(inner_packer);
+  msgpack::sbuffer outer;
+  msgpack::packer<msgpack::sbuffer> to(outer);
+  to.pack_map(4);
+  to.pack(std::string("format"));
+  to.pack(format);
+  to.pack(std::string("version"));
+  to.pack(version);
+  to.pack(std::string("crc32"));
+  to.pack(static_cast<std::uint32_t>(
+      crc32_z(0, reinterpret_cast<const Bytef*>(inner.data()), inner.size())));
+  to.pack(std::string("payload"));
+  to.pack_bin(static_cast<std::uint32_t>(inner.size()));
+  to.pack_bin_body(inner.data(), static_cast<std::uint32_t>(inner.size()));
+  return bytes_of(outer);
+}
+
+}  // namespace eampc::service
