@@ -42,11 +42,15 @@ class ControlSection(Section):
 
 
 class ConstraintsSection(Section):
-    """Section [constraints]: X of Problem 1, and U if narrower than the valves allow."""
+    """Section [constraints]: X of Problem 1, and U if narrower than the valves allow.
+
+    The state bounds hold at every stage_step-th stage, counted back from the horizon.
+    """
 
     angle_max_rad: Positive
     velocity_max_rad_s: Positive
     control_max: Positive | None = None
+    stage_step: Annotated[int, Field(ge=1, le=1000)] = 1
     slack_linear: NonNegative = 1000.0
     slack_quadratic: NonNegative = 10000.0
 

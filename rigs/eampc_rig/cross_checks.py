@@ -87,6 +87,11 @@ def _control(rig: Rig) -> Iterator[str]:
             f"control.control_horizon is {c.control_horizon}, but must be at most "
             f"control.horizon = {c.horizon}"
         )
+    if rig.constraints.stage_step > c.horizon:
+        yield (
+            f"constraints.stage_step is {rig.constraints.stage_step}, but must be at most "
+            f"control.horizon = {c.horizon}"
+        )
     if c.formulation == "paper" and not c.reference_is_parameter and c.reference_rad is None:
         yield (
             'control.reference_rad is missing (unit rad); control.formulation = "paper" needs the '
