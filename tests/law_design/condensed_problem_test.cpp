@@ -82,6 +82,7 @@ Rollout tracking_rollout(const SampledModel& model, const ControlProblem& proble
     }
     previous = V;
     e = model.A_star * e + model.B_star * V;
+    if ((problem.horizon - (i + 1)) % problem.stage_step != 0) continue;
     const double t = (i + 1) * model.period_s;
     add_bounds(rollout, e(0) + y_r + t * y_r_rate,
                problem.angle_max_rad - problem.tightening(i + 1, 0), s);
@@ -145,6 +146,19 @@ Rollout paper_rollout(const SampledModel& model, const ControlProblem& problem,
     x = (model.A_star * x + model.B_star * u + model.D * p.segment<2>(2)).eval();
   }
   return rollout;
+}
+
+TEST(TrackingProblem, StateBoundsAtEveryFourthStage) {
+  const ContinuousModel continuous = joint_model(reference_rig());
+  const SampledModel model = discretise(continuous.A, continuous.B, 0.005);
+  ControlProblem problem = settings(10, 5, 6);
+  problem.stage_step = 4;  // stages 10, 6, 2
+  const CondensedProblem condensed = tracking_problem(model, problem);
+  EXPECT_EQ(condensed.mpqp.w.size(), 2 * 5 + 4 * 3 + 1);
+  const Eigen::VectorXd p = Eigen::VectorXd::LinSpaced(6, -0.4, 0.6);
+  const Eigen::VectorXd U = Eigen::VectorXd::LinSpaced(6, 3.0, -2.0);
+  expect_same(condensed, p, U, tracking_rollout(model, problem, p, U),
+              tracking_rollout(model, problem, p, Eigen::VectorXd::Zero(6)));
 }
 
 TEST(PaperProblem, AgreesWithARollout) {

@@ -124,6 +124,7 @@ void bind_condensed_problem(nb::module_& m) {
       .def_rw("angle_max_rad", &ControlProblem::angle_max_rad)
       .def_rw("velocity_max_rad_s", &ControlProblem::velocity_max_rad_s)
       .def_rw("control_max", &ControlProblem::control_max)
+      .def_rw("stage_step", &ControlProblem::stage_step)
       .def_rw("soft_state_bounds", &ControlProblem::soft_state_bounds)
       .def_rw("slack_linear", &ControlProblem::slack_linear)
       .def_rw("slack_quadratic", &ControlProblem::slack_quadratic)

@@ -99,9 +99,14 @@ void check_horizons(const ControlProblem& problem) {
   if (problem.control_horizon < 1 || problem.control_horizon > problem.horizon) {
     throw DesignError("control.control_horizon must lie between 1 and control.horizon");
   }
+  if (problem.stage_step < 1) throw DesignError("constraints.stage_step must be at least 1");
   if (problem.tightening.rows() != problem.horizon + 1 || problem.tightening.cols() != 2) {
     throw DesignError("the tightening must have one row for each stage 0..horizon");
   }
+}
+
+bool is_bounded(const ControlProblem& problem, int stage) {
+  return (problem.horizon - stage) % problem.stage_step == 0;
 }
 
 // The box must have one finite interval per parameter: the law is defined on it and nowhere else.
@@ -161,6 +166,7 @@ CondensedProblem paper_problem(const SampledModel& model, const ControlProblem& 
 
     // y_i = C x_i for i = 1..N; i = 0 is a constant.
     builder.add_cost(Q, x.of_moves.row(0), x.of_parameters.row(0) - reference, -fixed_reference);
+    if (!is_bounded(problem, i + 1)) continue;
     const double bounds[] = {problem.angle_max_rad, problem.velocity_max_rad_s};
     for (Index j = 0; j < 2; ++j) {
       builder.add_state_bound(x.of_moves.row(j), x.of_parameters.row(j),
@@ -205,6 +211,7 @@ CondensedProblem tracking_problem(const SampledModel& model, const ControlProble
     builder.add_cost(stage == problem.horizon ? P : Q, e.of_moves, e.of_parameters,
                      VectorXd::Zero(order));
 
+    if (!is_bounded(problem, stage)) continue;
     // θ_i = e1_i + y_r + i T ẏ_r and θ̇_i = e2_i + ẏ_r.
     RowVectorXd angle = e.of_parameters.row(0);
     angle(at_reference) += 1.0;

@@ -19,6 +19,9 @@ struct ControlProblem {
   double angle_max_rad = 0.0;
   double velocity_max_rad_s = 0.0;
   double control_max = 0.0;
+  // State bounds at the stages N, N − step, N − 2 step, … > 0: between neighbouring stages they are
+  // nearly the same, and each doubles the number of regions.
+  int stage_step = 1;
   // State bounds share one slack s ≥ 0, the relative violation: |θ_i| ≤ θ̄_i (1 + s), at the price
   // slack_linear·s + slack_quadratic·s². Hard: no slack, and parts of the box have no solution.
   bool soft_state_bounds = true;
@@ -38,7 +41,8 @@ struct CondensedProblem {
 };
 
 /// Problem 1 as corrected, ideal valves: min Σ_{i=0..N} Q (θ_i − y_r)² + Σ_{i<N} R u_i², both sides
-/// of every tightened state bound for i = 1..N, |u_i| ≤ u_max. p = (θ, θ̇, σ̂1, σ̂2[, y_r]).
+/// of every tightened state bound for i = 1..N (see stage_step), |u_i| ≤ u_max. p = (θ, θ̇, σ̂1, σ̂2[,
+/// y_r]).
 CondensedProblem paper_problem(const SampledModel& model, const ControlProblem& problem);
 
 /// Offset-free tracking. p = (e, u_ss, y_r, ẏ_r), e = x − (y_r, ẏ_r[, u_ss]), V = U − u_ss:
