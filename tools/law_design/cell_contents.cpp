@@ -30,6 +30,7 @@ CellGeometry::CellGeometry(const OutputLaws& laws)
       program_(laws.parameters),
       ball_(laws.parameters + 1) {
   ball_.set_bounds(dimension_, -4.0, 2.0);
+  ball_.set_perturbation(1e-12);
 }
 
 CellGeometry::Presence CellGeometry::presence(int region, const Cell& cell) {
@@ -60,6 +61,17 @@ std::shared_ptr<const Extent> CellGeometry::extent(int region, const Cell& cell)
     }
   }
   return result;
+}
+
+bool CellGeometry::touches(const Hyperplane& plane, const CellItem& item) const {
+  double middle = -plane.offset;
+  double reach = 0.0;
+  for (std::size_t j = 0; j < index(dimension_); ++j) {
+    const double a = 0.5 * plane.normal[j];
+    middle += a * (item.extent->upper[j] + item.extent->lower[j]);
+    reach += std::abs(a) * (item.extent->upper[j] - item.extent->lower[j]);
+  }
+  return std::abs(middle) <= reach + kSide;
 }
 
 unsigned CellGeometry::possible_sides(const Hyperplane& plane, const CellItem& item,
@@ -101,14 +113,21 @@ unsigned CellGeometry::proved_sides(const Hyperplane& plane, const CellItem& ite
   return possible;
 }
 
-bool CellGeometry::difference_below(int law_a, int law_b, int region, const Cell& cell,
+bool CellGeometry::difference_below(int law_a, int law_b, const CellItem& item, const Cell& cell,
                                     double bound) {
   const ScaledLaw& a = laws_.laws[index(law_a)];
   const ScaledLaw& b = laws_.laws[index(law_b)];
   Point c{};
   for (std::size_t j = 0; j < c.size(); ++j) c[j] = a[j] - b[j];
-  const HalfSpaces* parts[] = {&laws_.regions[index(region)].facets, &cell.rows()};
+  const HalfSpaces* parts[] = {&laws_.regions[index(item.region)].facets, &cell.rows()};
   const double limit = bound - (a[kMaxDimension] - b[kMaxDimension]);
+  double reach = 0.0;
+  for (std::size_t j = 0; j < index(dimension_); ++j) {
+    const double edge = c[j] > 0.0 ? (item.extent ? item.extent->upper[j] : 1.0)
+                                   : (item.extent ? item.extent->lower[j] : -1.0);
+    reach += c[j] * edge;
+  }
+  if (reach <= limit) return true;
   const LpResult result = program_.maximise(c.data(), parts, limit);
   return result.status == LpStatus::kBelowCutoff || result.status == LpStatus::kInfeasible ||
          (result.status == LpStatus::kOptimal && result.value <= limit);
@@ -125,7 +144,7 @@ bool CellGeometry::centre(const Cell& cell, Point* centre) {
     box.append(a.data(), 1.0);
   }
   const HalfSpaces* parts[] = {&cell.ball_rows(), &box};
-  const LpResult result = ball_.maximise(c.data(), parts, 0.0);
+  const LpResult result = ball_.maximise(c.data(), parts, kThinCell);
   if (result.status != LpStatus::kOptimal) return false;
   for (int j = 0; j < dimension_; ++j) (*centre)[index(j)] = ball_.point()[j];
   return true;

@@ -52,6 +52,8 @@ class CellGeometry {
   static constexpr double kThin = 1e-10;
   /// A region that reaches less than this beyond a hyperplane is on one side of it.
   static constexpr double kSide = 1e-10;
+  /// A cell without a ball of this radius is the rounding of two nearly equal hyperplanes.
+  static constexpr double kThinCell = 1e-9;
 
   explicit CellGeometry(const OutputLaws& laws);
 
@@ -59,6 +61,8 @@ class CellGeometry {
   Presence presence(int region, const Cell& cell);
   std::shared_ptr<const Extent> extent(int region, const Cell& cell);
 
+  /// False if a hyperplane surely misses the item.
+  bool touches(const Hyperplane& plane, const CellItem& item) const;
   /// Sides of a hyperplane an item surely has points on (`sure`), and may have points on.
   unsigned possible_sides(const Hyperplane& plane, const CellItem& item, unsigned* sure) const;
   /// Removes from `possible` what linear programs over region ∩ cell exclude.
@@ -66,9 +70,9 @@ class CellGeometry {
                         unsigned possible, unsigned sure);
 
   /// max of law a − law b over region ∩ cell is at most `bound`.
-  bool difference_below(int law_a, int law_b, int region, const Cell& cell, double bound);
+  bool difference_below(int law_a, int law_b, const CellItem& item, const Cell& cell, double bound);
 
-  /// Centre of the largest ball of a cell; false if it holds none.
+  /// Centre of the largest ball of a cell; false if it holds none of radius kThinCell.
   bool centre(const Cell& cell, Point* centre);
 
   long lp_count() const { return program_.count() + ball_.count(); }

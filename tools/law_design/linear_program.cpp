@@ -10,9 +10,9 @@ namespace {
 
 // Coefficients below this cannot leave the basis: pivoting on them would lose nine digits.
 constexpr double kPivot = 1e-10;
-// Ties of the ratio test are broken by this perturbation of c, far below every tolerance used on
-// the objective (1e-9 and more).
-constexpr double kPerturbation = 1e-13;
+// Multipliers may slip below zero by this much before they are set to zero: a change of c far below
+// every tolerance used on the objective (1e-10 and more).
+constexpr double kSlip = 1e-13;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
@@ -44,7 +44,7 @@ LpResult LinearProgram::maximise(const double* c, std::span<const HalfSpaces* co
   for (int j = 0; j < dimension_; ++j) {
     // A fixed irregular sequence: no two coordinates get the same ratio.
     const double jitter = 0.5 + std::fmod(0.6180339887498949 * (j + 1), 1.0);
-    c_[index(j)] = c[j] + (c[j] < 0.0 ? -kPerturbation : kPerturbation) * jitter;
+    c_[index(j)] = c[j] + (c[j] < 0.0 ? -perturbation_ : perturbation_) * jitter;
   }
   switch (dimension_) {
     case 2:
@@ -137,7 +137,7 @@ bool LinearProgram::refactorise(std::span<const HalfSpaces* const> parts) {
   const Eigen::Map<const Eigen::VectorXd> c(c_.data(), n);
   for (int k = 0; k < n; ++k) {
     const double y = c.dot(inverse.col(k));
-    if (y < -1e-8) return false;
+    if (y < -1e-11) return false;
     multipliers_[index(k)] = std::max(y, 0.0);
   }
   return true;
@@ -194,20 +194,23 @@ LpResult LinearProgram::solve(std::span<const HalfSpaces* const> parts, double c
     }
     double b = 0.0;
     load_row(parts, entering.row, a, &b);
-    double ratio = std::numeric_limits<double>::infinity();
-    int leaving = -1;
+    // Harris' ratio test: among the multipliers that vanish within kSlip of the first, the one
+    // with the largest pivot leaves.
+    double reach = std::numeric_limits<double>::infinity();
     for (int k = 0; k < n; ++k) {
       double sum = 0.0;
       for (int j = 0; j < n; ++j) sum += a[j] * inverse[k * n + j];
       alpha[k] = sum;
-      if (sum > kPivot) {
-        const double t = y[k] / sum;
-        if (t < ratio - 1e-15 || (t < ratio + 1e-15 && sum > alpha[leaving])) {
-          ratio = std::min(t, ratio);
-          leaving = k;
-        }
+      if (sum > kPivot) reach = std::min(reach, (y[k] + kSlip) / sum);
+    }
+    int leaving = -1;
+    for (int k = 0; k < n; ++k) {
+      if (alpha[k] > kPivot && y[k] <= reach * alpha[k] &&
+          (leaving < 0 || alpha[k] > alpha[leaving])) {
+        leaving = k;
       }
     }
+    const double ratio = leaving < 0 ? 0.0 : y[leaving] / alpha[leaving];
     if (leaving < 0) {
       if (fresh || iteration < n) return {LpStatus::kInfeasible, value};
       if (++restarts > 3 || !refactorise(parts)) break;

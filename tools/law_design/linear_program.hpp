@@ -35,6 +35,8 @@ class LinearProgram {
   explicit LinearProgram(int dimension);
 
   int dimension() const { return dimension_; }
+  /// Size of the irregular change of c that breaks ties; the optimum is exact to n times this.
+  void set_perturbation(double size) { perturbation_ = size; }
   void set_bounds(int j, double lower, double upper);
 
   /// Maximises c·x over the rows of all `parts`.
@@ -66,6 +68,7 @@ class LinearProgram {
   bool refactorise(std::span<const HalfSpaces* const> parts);
 
   int dimension_;
+  double perturbation_ = 1e-13;
   long count_ = 0;
   std::vector<double> lower_, upper_, c_, x_, multipliers_, inverse_, entering_, alpha_, excess_;
   std::vector<int> basis_rows_;

@@ -25,6 +25,7 @@ PolytopeReducer::PolytopeReducer(int dimension)
       rows_(dimension),
       found_(dimension) {
   ball_.set_bounds(dimension, -4.0, 2.0);
+  ball_.set_perturbation(1e-9);  // any centre nearly as good will do
 }
 
 PolytopeReducer::Hit PolytopeReducer::shoot(const double* direction) {
