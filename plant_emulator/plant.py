@@ -50,7 +50,7 @@ class Plant:
         self._substep_s = rig.control.period_s / rig.emulator.substeps
         self._lead_frames = lead_frames
         self._hold = rig.emulator.hold_until_start
-        self._joint = AntagonisticJoint.from_rig(rig.joint, rig.muscle)
+        self._joint = AntagonisticJoint.from_rig(rig.joint, rig.emulated_muscle)
         self._friction = Friction.from_rig(rig.emulator)
         self._friction.check_step(
             rig.joint.moment_of_inertia_kg_m2, self._period_s, rig.emulator.substeps

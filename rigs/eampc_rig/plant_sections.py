@@ -35,6 +35,17 @@ class MuscleSection(Section):
     initial_contraction_ratio: Annotated[float, Field(ge=0.0, lt=1.0)]
     initial_length_m: Positive
 
+    def linearised(self) -> MuscleSection:
+        """Return the tangent of (3) at ε0: with it (5) is (9) exactly, without a term in θ² u."""
+        k1, ratio = self.k1_N_per_MPa, self.initial_contraction_ratio
+        return self.model_copy(
+            update={
+                "k1_N_per_MPa": 0.0,
+                "k2_N_per_MPa": self.k2_N_per_MPa + 2.0 * k1 * ratio,
+                "k3_N_per_MPa": self.k3_N_per_MPa - k1 * ratio**2,
+            }
+        )
+
 
 class ValveSection(Section):
     """Section [valve]: k0, ku and u0 of equations (1) and (2), and the voltages allowed."""
@@ -61,7 +72,12 @@ class BoucWenSection(Section):
 
 
 class EmulatorSection(Section):
-    """Section [emulator]: the plant that stands in for the rig; nothing here reaches the law."""
+    """Section [emulator]: the plant that stands in for the rig; nothing here reaches the law.
+
+    linear_muscles = true emulates (9), the paper's own plant, in place of (3).
+    """
+
+    linear_muscles: bool = False
 
     initial_angle_rad: float = 0.0
     initial_velocity_rad_s: float = 0.0

@@ -103,6 +103,11 @@ class Rig(Section):
         return min(v.bias_V - v.min_V, v.max_V - v.bias_V) / v.control_gain_V
 
     @property
+    def emulated_muscle(self) -> MuscleSection:
+        """The muscles of the emulated plant: (3), or its tangent with emulator.linear_muscles."""
+        return self.muscle.linearised() if self.emulator.linear_muscles else self.muscle
+
+    @property
     def inputs_sha256(self) -> str:
         """SHA-256 (hex) of what the law is designed from: effective values and the DBC's bytes."""
         return hashlib.sha256(self._inputs).hexdigest()

@@ -114,7 +114,7 @@ def _plant(rig: Rig) -> dict[str, object]:
     emulator, valve = rig.emulator, rig.valve
     return {
         **rig.joint.model_dump(),
-        **rig.muscle.model_dump(),
+        **rig.emulated_muscle.model_dump(),
         "pressure_gain_MPa_per_V": valve.pressure_gain_MPa_per_V,
         "min_V": valve.min_V,
         "max_V": valve.max_V,

@@ -1,0 +1,318 @@
+"""The law file: one MessagePack map with version and checksum around all that the daemon needs.
+
+    {"format": "eampc-law", "version": 1, "crc32": zlib.crc32(payload), "payload": bytes}
+
+The payload is a MessagePack map in which an array is {"shape": [...], "f64": bytes} (or "i32"),
+little-endian, row-major. The same payload always gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from eampc.errors import LawFileError
+
+FORMAT = "eampc-law"
+VERSION = 1
+REDESIGN = "design it again with: eampc design RIG -o FILE"
+
+# Section → keys that must be there. Sizes and numbers are checked below.
+_SECTIONS: dict[str, tuple[str, ...]] = {
+    "rig": (
+        "name",
+        "description",
+        "variant",
+        "inputs_sha256",
+        "inputs_crc32",
+        "eampc_version",
+    ),
+    "timing": ("period_s", "trigger"),
+    "model": (
+        "order",
+        "A",
+        "B",
+        "A_star",
+        "B_star",
+        "D",
+        "b",
+        "b1",
+        "b2",
+        "valve_time_constant_s",
+    ),
+    "estimator": (
+        "kind",
+        "decay",
+        "D_inverse",
+        "bias_compensation",
+        "low_pass_alpha",
+        "as_printed",
+        "kalman_state_gain",
+        "kalman_disturbance_gain",
+    ),
+    "law": (
+        "formulation",
+        "reference_is_parameter",
+        "fixed_reference_rad",
+        "u_min",
+        "u_max",
+        "parameter_names",
+        "parameter_units",
+        "lower",
+        "upper",
+        "tree",
+        "statistics",
+    ),
+    "problem": (
+        "H",
+        "F",
+        "f",
+        "G",
+        "w",
+        "S",
+        "lower",
+        "upper",
+        "output_U",
+        "output_p",
+        "output_offset",
+    ),
+    "tightening": ("kind", "epsilon"),
+    "valve": ("bias_V", "control_gain_V", "min_V", "max_V", "safe_V", "slew_max_V_per_s"),
+    "safety": (
+        "encoder_timeout_s",
+        "arming_ramp_s",
+        "soft_stop_ramp_s",
+        "encoder_timeout_action",
+        "encoder_invalid_action",
+        "reference_angle_max_rad",
+    ),
+    "bus": ("encoder", "valve_command", "sync", "valve_feedback"),
+    "telemetry": ("lcm_url", "state_decimation", "reference_by_lcm"),
+}
+_TREE = ("root", "depth", "hyperplanes", "children", "piece_gain", "piece_offset")
+
+
+def encode_law(payload: Mapping[str, Any]) -> bytes:
+    """Return the bytes of a law file; arrays in `payload` are float64 or int32."""
+    body = msgpack.packb(_packable(payload), use_bin_type=True)
+    return msgpack.packb(
+        {"format": FORMAT, "version": VERSION, "crc32": zlib.crc32(body), "payload": body},
+        use_bin_type=True,
+    )
+
+
+def write_law(path: str | Path, payload: Mapping[str, Any]) -> int:
+    """Write a law file and return its size in bytes. The file is complete or not there."""
+    path = Path(path)
+    data = encode_law(payload)
+    try:
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise LawFileError(f"{path}: cannot be written ({error.strerror})") from None
+    return len(data)
+
+
+def read_law(path: str | Path) -> dict[str, Any]:
+    """Read and check a law file and return its payload; raises LawFileError, one sentence."""
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise LawFileError(
+            f"{path}: there is no such file; make one with: eampc design RIG -o {path}"
+        ) from None
+    except OSError as error:
+        raise LawFileError(f"{path}: cannot be read ({error.strerror})") from None
+    return decode_law(data, str(path))
+
+
+def decode_law(data: bytes, name: str) -> dict[str, Any]:
+    """Check the bytes of a law file and return its payload; `name` stands for it in errors."""
+    outer = _unpack(data)
+    if not isinstance(outer, dict) or outer.get("format") != FORMAT:
+        raise LawFileError(f"{name}: is not a law file, or it is cut short or damaged; {REDESIGN}")
+    if outer.get("version") != VERSION:
+        raise LawFileError(
+            f"{name}: has law-file version {outer.get('version')!r}, but this eampc reads version "
+            f"{VERSION}; {REDESIGN}"
+        )
+    body = outer.get("payload")
+    if not isinstance(body, bytes) or outer.get("crc32") != zlib.crc32(body):
+        raise LawFileError(f"{name}: is damaged, its checksum does not match; {REDESIGN}")
+    raw = _unpack(body)
+    try:
+        payload = _restored(raw, "payload")
+        _check(payload)
+    except _DefectError as defect:
+        raise LawFileError(f"{name}: {defect}; {REDESIGN}") from None
+    return payload
+
+
+class _DefectError(Exception):
+    """What is wrong inside a payload whose checksum is right."""
+
+
+def _unpack(data: bytes) -> Any:
+    try:
+        return msgpack.unpackb(data, raw=False, strict_map_key=True)
+    except (ValueError, msgpack.UnpackException, RecursionError):
+        return None
+
+
+def _packable(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _packable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        kind = "i32" if np.issubdtype(value.dtype, np.integer) else "f64"
+        plain = np.ascontiguousarray(value, dtype="<i4" if kind == "i32" else "<f8")
+        return {"shape": [int(n) for n in value.shape], kind: plain.tobytes()}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, list | tuple):
+        return [_packable(item) for item in value]
+    return value
+
+
+def _restored(value: Any, where: str) -> Any:
+    if isinstance(value, list):
+        return [_restored(item, where) for item in value]
+    if not isinstance(value, dict):
+        return value
+    for kind, dtype in (("f64", "<f8"), ("i32", "<i4")):
+        if set(value) == {"shape", kind}:
+            return _array(value["shape"], value[kind], dtype, where)
+    return {key: _restored(item, f"{where}.{key}") for key, item in value.items()}
+
+
+def _array(shape: Any, data: Any, dtype: str, where: str) -> np.ndarray:
+    item_bytes = np.dtype(dtype).itemsize
+    whole = isinstance(shape, list) and all(type(n) is int and n >= 0 for n in shape)
+    if not whole or not isinstance(data, bytes):
+        raise _DefectError(f"{where} is not an array")
+    count = 1
+    for n in shape:
+        count *= n
+    if len(data) != count * item_bytes:
+        raise _DefectError(f"{where} does not have as many numbers as its shape {shape} says")
+    array = np.frombuffer(data, dtype=dtype).reshape(shape).astype(dtype[1:], copy=True)
+    if dtype == "<f8" and not np.isfinite(array).all():
+        raise _DefectError(f"{where} holds a number that is not finite")
+    return array
+
+
+def _check(payload: Any) -> None:
+    if not isinstance(payload, dict):
+        raise _DefectError("its payload is not a map")
+    for section, keys in _SECTIONS.items():
+        table = payload.get(section)
+        if not isinstance(table, dict):
+            raise _DefectError(f"section {section} is missing")
+        for key in keys:
+            if key not in table:
+                raise _DefectError(f"{section}.{key} is missing")
+    law = payload["law"]
+    names = law["parameter_names"]
+    if not isinstance(names, list) or not 1 <= len(names) <= 8:
+        raise _DefectError("law.parameter_names must name 1 to 8 parameters")
+    parameters = len(names)
+    if len(law["parameter_units"]) != parameters:
+        raise _DefectError("law.parameter_units must have one unit for each parameter")
+    for key in ("lower", "upper"):
+        _require_shape(law[key], (parameters,), f"law.{key}")
+    if not (law["lower"] < law["upper"]).all():
+        raise _DefectError("law.lower must be below law.upper")
+    if not law["u_min"] < law["u_max"]:
+        raise _DefectError("law.u_min must be below law.u_max")
+    _check_model(payload)
+    _check_problem(payload["problem"], parameters)
+    _check_tree(law["tree"], parameters)
+
+
+def _require_shape(array: Any, shape: tuple[int, ...], where: str) -> None:
+    if not isinstance(array, np.ndarray) or array.shape != shape:
+        raise _DefectError(f"{where} must be an array of shape {list(shape)}")
+
+
+def _check_model(payload: dict[str, Any]) -> None:
+    model, estimator = payload["model"], payload["estimator"]
+    n = model["order"]
+    if n not in (2, 3):
+        raise _DefectError("model.order must be 2 or 3")
+    for key, shape in (
+        ("A", (n, n)),
+        ("B", (n,)),
+        ("A_star", (n, n)),
+        ("B_star", (n,)),
+        ("D", (n, 2)),
+    ):
+        _require_shape(model[key], shape, f"model.{key}")
+    _require_shape(estimator["D_inverse"], (2, 2), "estimator.D_inverse")
+    _require_shape(estimator["kalman_state_gain"], (2,), "estimator.kalman_state_gain")
+    for section, key in (("timing", "period_s"), ("model", "b"), ("estimator", "decay")):
+        value = payload[section][key]
+        if not isinstance(value, float) or not 0.0 < value < float("inf"):
+            raise _DefectError(f"{section}.{key} must be a positive number")
+
+
+def _check_problem(problem: dict[str, Any], parameters: int) -> None:
+    moves = problem["H"].shape[0] if isinstance(problem["H"], np.ndarray) else 0
+    rows = problem["w"].shape[0] if isinstance(problem["w"], np.ndarray) else 0
+    for key, shape in (
+        ("H", (moves, moves)),
+        ("F", (moves, parameters)),
+        ("f", (moves,)),
+        ("G", (rows, moves)),
+        ("w", (rows,)),
+        ("S", (rows, parameters)),
+        ("lower", (parameters,)),
+        ("upper", (parameters,)),
+        ("output_U", (moves,)),
+        ("output_p", (parameters,)),
+    ):
+        _require_shape(problem[key], shape, f"problem.{key}")
+
+
+def _check_tree(tree: Any, parameters: int) -> None:
+    if not isinstance(tree, dict) or any(key not in tree for key in _TREE):
+        raise _DefectError("law.tree is missing or incomplete")
+    children = tree["children"]
+    nodes = children.shape[0] if isinstance(children, np.ndarray) else 0
+    gain = tree["piece_gain"]
+    pieces = gain.shape[0] if isinstance(gain, np.ndarray) else 0
+    if pieces < 1:
+        raise _DefectError("law.tree has no pieces")
+    _require_shape(tree["hyperplanes"], (nodes, parameters + 1), "law.tree.hyperplanes")
+    _require_shape(children, (nodes, 2), "law.tree.children")
+    _require_shape(gain, (pieces, parameters), "law.tree.piece_gain")
+    _require_shape(tree["piece_offset"], (pieces,), "law.tree.piece_offset")
+    if children.dtype != np.dtype("i4"):
+        raise _DefectError("law.tree.children must hold whole numbers")
+    root, depth = tree["root"], tree["depth"]
+    if type(root) is not int or type(depth) is not int:
+        raise _DefectError("law.tree.root and law.tree.depth must be whole numbers")
+    level = np.array([root])
+    # Shared nodes are walked once per level: at most `depth` passes over `nodes` entries.
+    for _ in range(depth + 1):
+        if ((level >= nodes) | (level < -pieces)).any():
+            raise _DefectError("law.tree points to a node or piece that is not there")
+        inner = level[level >= 0]
+        if inner.size == 0:
+            return
+        level = np.unique(children[inner])
+    raise _DefectError(f"law.tree has a path longer than its depth of {depth}")
