@@ -38,13 +38,29 @@ void LinearProgram::set_bounds(int j, double lower, double upper) {
 LpResult LinearProgram::maximise(const double* c, std::span<const HalfSpaces* const> parts,
                                  double cutoff) {
   ++count_;
+  const LpResult result = attempt(c, parts, cutoff, perturbation_);
+  if (result.status != LpStatus::kFailed) return result;
+  // Another way through the vertices. The change of c is added to the value, so that it remains an
+  // upper bound.
+  constexpr double kSecond = 1e-11;
+  double most = 0.0;
+  for (int j = 0; j < dimension_; ++j) {
+    most += 1.5 * kSecond * std::max(std::abs(lower_[index(j)]), std::abs(upper_[index(j)]));
+  }
+  LpResult second = attempt(c, parts, cutoff - most, kSecond);
+  second.value += most;
+  return second;
+}
+
+LpResult LinearProgram::attempt(const double* c, std::span<const HalfSpaces* const> parts,
+                                double cutoff, double perturbation) {
   int rows = 0;
   for (const HalfSpaces* part : parts) rows = std::max(rows, part->size());
   if (excess_.size() < index(rows)) excess_.resize(index(2 * rows));
   for (int j = 0; j < dimension_; ++j) {
     // A fixed irregular sequence: no two coordinates get the same ratio.
     const double jitter = 0.5 + std::fmod(0.6180339887498949 * (j + 1), 1.0);
-    c_[index(j)] = c[j] + (c[j] < 0.0 ? -perturbation_ : perturbation_) * jitter;
+    c_[index(j)] = c[j] + (c[j] < 0.0 ? -perturbation : perturbation) * jitter;
   }
   switch (dimension_) {
     case 2:

@@ -35,7 +35,8 @@ class LinearProgram {
   explicit LinearProgram(int dimension);
 
   int dimension() const { return dimension_; }
-  /// Size of the irregular change of c that breaks ties; the optimum is exact to n times this.
+  /// Size of the irregular change of c that breaks ties; the optimum is exact to n times this, or
+  /// (in the rare second attempt after a failure) a safe upper bound within 3e-11·n.
   void set_perturbation(double size) { perturbation_ = size; }
   void set_bounds(int j, double lower, double upper);
 
@@ -60,6 +61,8 @@ class LinearProgram {
     int row = -1;  // index through all parts, then 2·dimension box rows
     double violation = 0.0;
   };
+  LpResult attempt(const double* c, std::span<const HalfSpaces* const> parts, double cutoff,
+                   double perturbation);
   template <int N>
   LpResult solve(std::span<const HalfSpaces* const> parts, double cutoff);
   template <int N>

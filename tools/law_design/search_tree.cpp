@@ -53,8 +53,7 @@ class TreeBuilder {
   int plane_id(const LawRegion& region, int facet);
   unsigned sides_of_region(int plane, int region);
   Child build(Items items, int depth);
-  bool accept_as_leaf(const Items& items, int law);
-  int common_law(const Items& items);
+  bool accept_as_leaf(const Items& items, int law, double difference);
   void promote_thin(Items& items);
   std::vector<Split> rank_splits(const Items& items, bool all_facets);
   double cost_of(int plane, const Items& items);
@@ -352,13 +351,13 @@ TreeBuilder::Child TreeBuilder::leaf(int law) {
 }
 
 // True if everything in the cell is within the accepted difference of this law.
-bool TreeBuilder::accept_as_leaf(const Items& items, int law) {
+bool TreeBuilder::accept_as_leaf(const Items& items, int law, double difference) {
   for (const CellItem& item : items) {
     const int other = laws_.regions[index(item.region)].law;
-    if (other == law || item.thin) continue;
+    if (other == law || !item.extent) continue;
     for (const Point& point : item.extent->points) {
       if (std::abs(laws_.value(law, point.data()) - laws_.value(other, point.data())) >
-          2.0 * kAcceptedDifference) {
+          2.0 * difference) {
         return false;
       }
     }
@@ -366,8 +365,8 @@ bool TreeBuilder::accept_as_leaf(const Items& items, int law) {
   for (const CellItem& item : items) {
     const int other = laws_.regions[index(item.region)].law;
     if (other == law) continue;
-    if (!geometry_.difference_below(law, other, item, cell_, kAcceptedDifference) ||
-        !geometry_.difference_below(other, law, item, cell_, kAcceptedDifference)) {
+    if (!geometry_.difference_below(law, other, item, cell_, difference) ||
+        !geometry_.difference_below(other, law, item, cell_, difference)) {
       return false;
     }
   }
@@ -405,7 +404,7 @@ TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
   if (distinct == 0) throw std::logic_error("search tree: empty cell");
   if (distinct <= 4) {
     for (const int law : present) {
-      if (!accept_as_leaf(items, law)) continue;
+      if (!accept_as_leaf(items, law, kAcceptedDifference)) continue;
       if (distinct > 1) ++tree_.statistics.sliver_leaves;
       return leaf(law);
     }
@@ -458,8 +457,14 @@ TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
               1 + std::max(children[0].depth, children[1].depth)};
     }
   }
+  for (const int law : present) {
+    if (!accept_as_leaf(items, law, options_.accepted_difference)) continue;
+    ++tree_.statistics.sliver_leaves;
+    return leaf(law);
+  }
   double largest = 0.0;
   for (const CellItem& item : items) {
+    if (!item.extent) continue;
     for (const Point& point : item.extent->points) {
       const double y = laws_.value(laws_.regions[index(item.region)].law, point.data());
       largest = std::max(largest, std::abs(y - laws_.value(present.front(), point.data())));

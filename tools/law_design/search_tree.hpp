@@ -27,7 +27,7 @@ struct SearchTreeStatistics {
   int pieces = 0;
   int depth = 0;
   long lps = 0;
-  /// Leaves that accepted slivers of other laws, each proved within 1e-9 of the output's range.
+  /// Leaves that accepted slivers of other laws.
   int sliver_leaves = 0;
   /// Leaves in which no feasible parameter was found; they name the nearest law.
   int infeasible_leaves = 0;
@@ -50,6 +50,10 @@ struct SearchTreeOptions {
   /// Called now and then with (nodes made, regions still in the current node); false cancels.
   std::function<bool(int, int)> progress;
   int max_nodes = 1000000;
+  /// Regions of different laws overlap by the rounding of their facets. Where no facet separates
+  /// such a sliver from a cell, the cell's law is accepted if it is proved to differ by no more
+  /// than this (of the output's range); where facets do separate, 1e-9 is the limit.
+  double accepted_difference = 1e-7;
 };
 
 /// Builds the tree. Throws std::runtime_error if a leaf cannot be proved, Cancelled.
