@@ -25,17 +25,23 @@ pytestmark = [pytest.mark.vcan, pytest.mark.timeout(900)]
 ROOT = Path(__file__).parents[2]
 BUS = "vcan0"
 RUN_LIMIT_S = 600
+# What is kept from run to run: laws, most of them designed by the tests outside this kernel, and
+# matplotlib's list of fonts. A guest forgets everything but the working directory.
+CACHE = ROOT / "build" / "test-cache"
+ENVIRONMENT = {
+    **os.environ,
+    "XDG_CACHE_HOME": str(CACHE),
+    "MPLCONFIGDIR": str(CACHE / "matplotlib"),
+}
 LINE = re.compile(r"^\(\d+\.\d+\) vcan0 ([0-9A-F]{3})#([0-9A-F]*)$")
 
 
 def hil(rig: str, out: Path, *options: str) -> tuple[int, dict[str, Any], str]:
     """Exit code, summary and output of one lock-step `eampc hil` on vcan0."""
-    # Laws stay in the build folder: the tests outside this kernel have designed most of them.
-    environment = {**os.environ, "XDG_CACHE_HOME": str(ROOT / "build" / "test-cache")}
     command = [sys.executable, "-m", "eampc.command_line", "hil", str(ROOT / "rigs" / rig)]
     command += ["--bus", f"socketcan:{BUS}", "--lockstep", "--out", str(out), *options]
     done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=RUN_LIMIT_S
+        command, env=ENVIRONMENT, capture_output=True, text=True, timeout=RUN_LIMIT_S
     )
     output = done.stdout + done.stderr
     assert done.returncode in (0, 1), output
@@ -180,11 +186,10 @@ def test_own_bus_log_is_what_candump_saw(tmp_path: Path) -> None:
 def test_other_tools_join_the_bus_during_a_run(tmp_path: Path) -> None:
     """cansend speaks and a python-can client listens while daemon and emulator are at work."""
     heard: set[int] = set()
-    environment = {**os.environ, "XDG_CACHE_HOME": str(ROOT / "build" / "test-cache")}
     command = [sys.executable, "-m", "eampc.command_line", "hil", str(ROOT / "rigs" / "reference")]
     command += ["--bus", f"socketcan:{BUS}", "--scenario", "load", "--out", str(tmp_path)]
     with can.Bus(interface="socketcan", channel=BUS) as client, candump(tmp_path / "bus.log"):
-        run = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+        run = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
         deadline = time.monotonic() + RUN_LIMIT_S
         while run.poll() is None and time.monotonic() < deadline:
             message = client.recv(0.5)

@@ -173,7 +173,7 @@ def _run(
     from eampc.hil.bus_log import BusLog
     from eampc.hil.law_choice import cached_law, checked_law
     from eampc.hil.processes import daemon_program, ended_by_signal
-    from eampc.hil.report import Circumstances, terminal_table, unmet, write_report
+    from eampc.hil.report import Circumstances, left_bounds, terminal_table, unmet, write_report
     from eampc.hil.report_folder import make_folder
     from eampc.hil.run import RunSettings, run_scenario
 
@@ -239,6 +239,8 @@ def _run(
     for run in runs:
         for sentence in unmet(run):
             console.print(f"not met: {sentence}")
+        for sentence in left_bounds(run):
+            console.print(f"outside the bounds: {sentence}")
     console.print(f"report: {page}")
     return all(run.assessment.passed for run in runs)
 

@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from eampc.hil.recording import Recording
 from eampc_rig import Rig, Scenario
 from numpy.typing import NDArray
+
+from eampc.hil.recording import Recording
 
 # |mean error| over this last stretch is the steady error: long enough to average the encoder's
 # counts.
@@ -44,6 +45,9 @@ class Judged:
 class Assessment:
     """Figures of one scenario; `passed` if every demand is met.
 
+    The bounds on angle and velocity are told beside it: they are soft in the law, and a tolerance
+    of the rig file is what a run must meet.
+
     RMS and maximum error are over scenario times from tolerance.rms_from_s to the end; the final
     error is |mean error| over the last 0.2 s. u1, u2 are extremes while the law was at work; the
     all_frames pair is over every command frame, arming and stopping included. A missed cycle is an
@@ -59,6 +63,7 @@ class Assessment:
     u2_min_V: float
     u2_max_V: float
     passed: bool
+    bounds_held: bool
     all_frames_min_V: float
     all_frames_max_V: float
     angle_max_abs_rad: float
@@ -71,11 +76,13 @@ class Assessment:
     arrival_to_sent_p99_us: float
     arrival_to_sent_max_us: float
     demands: list[Judged] = field(default_factory=list)
+    bounds: list[Judged] = field(default_factory=list)
 
     def as_summary(self) -> dict[str, Any]:
         """Plain values for summary.json."""
         summary = asdict(self)
-        summary["demands"] = [{**asdict(demand), "met": demand.met} for demand in self.demands]
+        for name, entries in (("demands", self.demands), ("bounds", self.bounds)):
+            summary[name] = [{**asdict(entry), "met": entry.met} for entry in entries]
         return summary
 
 
@@ -158,11 +165,18 @@ def assess(
     demands.append(Judged("frames not sent", max(0, unseen), 0, ""))
     if lockstep:
         demands.append(Judged("missed cycles", values["missed_cycles"], 0, ""))
-    return Assessment(passed=all(demand.met for demand in demands), demands=demands, **values)
+    bounds = _bounds(rig, values)
+    return Assessment(
+        passed=all(demand.met for demand in demands),
+        bounds_held=all(bound.met for bound in bounds),
+        demands=demands,
+        bounds=bounds,
+        **values,
+    )
 
 
 def _demands(rig: Rig, scenario: Scenario, values: dict[str, Any]) -> list[Judged]:
-    tolerance, valve, bounds = scenario.tolerance, rig.valve, rig.constraints
+    tolerance, valve = scenario.tolerance, rig.valve
     demands = [
         Judged(name, values[key], limit, "rad")
         for name, key, limit in (
@@ -177,9 +191,15 @@ def _demands(rig: Rig, scenario: Scenario, values: dict[str, Any]) -> list[Judge
         *demands,
         Judged("highest voltage", values["all_frames_max_V"], highest_V, "V"),
         Judged("lowest voltage", values["all_frames_min_V"], lowest_V, "V", at_least=True),
+        Judged("faults", len(values["faults"]), 0, ""),
+    ]
+
+
+def _bounds(rig: Rig, values: dict[str, Any]) -> list[Judged]:
+    bounds = rig.constraints
+    return [
         Judged("|angle|", values["angle_max_abs_rad"], bounds.angle_max_rad, "rad"),
         Judged("|velocity|", values["velocity_max_abs_rad_s"], bounds.velocity_max_rad_s, "rad/s"),
-        Judged("faults", len(values["faults"]), 0, ""),
     ]
 
 

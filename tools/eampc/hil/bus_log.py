@@ -6,8 +6,9 @@ from types import TracebackType
 from typing import Self
 
 import can
-from eampc.user_error import UserError
 from eampc_rig import open_bus
+
+from eampc.user_error import UserError
 
 POLL_S = 0.1
 

@@ -9,9 +9,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from eampc_rig import Rig
+
 from eampc.law_file import read_law
 from eampc.user_error import UserError
-from eampc_rig import Rig
 
 
 def checked_law(path: Path, rig: Rig) -> Path:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from eampc.user_error import RunFailed
 from numpy.typing import NDArray
+
+from eampc.user_error import RunFailed
 
 TRUTH_COLUMNS = [
     "frame",

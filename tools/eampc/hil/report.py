@@ -9,11 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from eampc_rig import Rig
+from rich.table import Table
+
 from eampc.hil.assessment import Judged, scenario_rows
 from eampc.hil.figures import LoopData, write_figures
 from eampc.hil.run import ScenarioRun
-from eampc_rig import Rig
-from rich.table import Table
 
 MRAD = 1e3
 
@@ -192,6 +193,13 @@ def unmet(run: ScenarioRun) -> list[str]:
     ]
 
 
+def left_bounds(run: ScenarioRun) -> list[str]:
+    """One sentence per state bound of the rig that the joint left."""
+    return [
+        f"{run.name}: {_demand_text(bound)}" for bound in run.assessment.bounds if not bound.met
+    ]
+
+
 def _demand_text(demand: Judged) -> str:
     relation = {
         (True, False): "is within",
@@ -239,7 +247,8 @@ def _page(
 <h1>Closed loop of {e(of.rig_name)}: <span class="{"ok" if passed else "bad"}">
 {"every tolerance met" if passed else "a tolerance was not met"}</span></h1>
 <p class="note">Real daemon, real bus, emulated rig. RMS and largest error count from the scenario's
-<code>rms_from_s</code>; the final error is the mean over the last 0.2 s.</p>
+<code>rms_from_s</code>; the final error is the mean over the last 0.2 s. d̂ holds all that the
+linear model does not know: the real disturbance and the model's own error.</p>
 <table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>
 <dl>{"".join(f"<dt>{e(name)}</dt><dd>{e(text)}</dd>" for name, text in facts.items())}</dl>
 {sections}
@@ -253,7 +262,7 @@ def _section(run: ScenarioRun, pictures: Sequence[Path], folder: Path) -> str:
     figures = run.assessment
     demands = "".join(
         f'<li class="{"ok" if demand.met else "bad"}">{e(_demand_text(demand))}</li>'
-        for demand in figures.demands
+        for demand in (*figures.demands, *figures.bounds)
     )
     images = "".join(
         f'<img src="{e(path.relative_to(folder).as_posix())}" alt="{e(run.name)}: {e(path.stem)}">'

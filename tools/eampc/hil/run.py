@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from eampc_rig import Rig
+
 from eampc.hil.assessment import Assessment, assess
 from eampc.hil.processes import (
     Ensemble,
@@ -27,7 +29,6 @@ from eampc.hil.recording import RECORD_COLUMNS, TRUTH_COLUMNS, Recording, read_r
 from eampc.hil.scenario_reference import reference_angle, send_reference
 from eampc.operator_client import OperatorClient
 from eampc.user_error import RunFailed
-from eampc_rig import Rig
 
 # Frames before arming: the estimator settles on the resting joint and the operator's commands are
 # in.

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from eampc.operator_client import OperatorClient
-from eampc.reference_table import load_reference_table
 from eampc_rig import Rig
 from numpy.typing import NDArray
+
+from eampc.operator_client import OperatorClient
+from eampc.reference_table import load_reference_table
 
 Array = NDArray[np.float64]
 
