@@ -110,9 +110,10 @@ MpQpSolution solve(const Matrix& H, const Matrix& F, const Vector& f, const Matr
 }
 
 nb::dict build_tree(const MpQpSolution& solution, const OutputLaw& output,
-                    const nb::object& progress) {
+                    const nb::object& progress, int max_nodes) {
   std::exception_ptr raised;
   SearchTreeOptions options;
+  options.max_nodes = max_nodes;
   options.progress = progress_function(progress, raised);
   BuiltSearchTree tree;
   try {
@@ -255,6 +256,7 @@ void bind_mpqp(nb::module_& m) {
         "be reached, Cancelled.");
 
   m.def("build_search_tree", &build_tree, "solution"_a, "output"_a, "progress"_a = nb::none(),
+        "max_nodes"_a = 1000000,
         "Sort the output of a solution into a proved binary search tree.\n\n"
         "Returns a dict: hyperplanes (n_nodes, np+1) float64, normal then offset, normal @ p <=\n"
         "offset leads to children[:, 0]; children (n_nodes, 2) int32, a child c < 0 is the piece\n"
