@@ -13,8 +13,8 @@
 
 namespace eampc::service {
 
-// A table of 200,000 rows of three doubles (1000 s at 200 Hz) and its keys.
-inline constexpr std::size_t kMaxTableRows = 200'000;
+// A table of 60,000 rows of three doubles (300 s at 200 Hz) and its keys; locked memory is scarce.
+inline constexpr std::size_t kMaxTableRows = 60'000;
 inline constexpr std::size_t kMaxRequestBytes = kMaxTableRows * 24 + 1024;
 
 enum class Command : std::uint8_t { kArm, kDisarm, kReset, kStatus, kReference };

@@ -13,7 +13,7 @@ class ReferenceTables {
  public:
   // All tables together; twice the largest single one, so that one can be replaced by another. 9.6
   // MB.
-  static constexpr std::size_t kMaxRows = 400'000;
+  static constexpr std::size_t kMaxRows = 120'000;
 
   // Returns the table's address for as long as the loop needs it, or null if there is no room.
   const control::Reference* keep(std::vector<control::Reference> table);

@@ -1,6 +1,7 @@
 #include "service/rig_name.hpp"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -23,7 +24,7 @@ class RigNameTest : public ::testing::Test {
 };
 
 TEST_F(RigNameTest, IsReadFromTheTableRigOnly) {
-  EXPECT_EQ(read_rig_name(written("[other]\nname = \"no\"\n[ rig ]\nname = \"no\"\n[rig] # the "
+  EXPECT_EQ(read_rig_name(written("[other]\nname = \"no\"\n[rig.more]\nname = \"no\"\n[rig] # the "
                                   "rig\n  name = \"yes\"  # it\n")),
             "yes");
   EXPECT_EQ(read_rig_name((folder_ / "rig.toml").string()), "yes");
