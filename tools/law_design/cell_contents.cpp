@@ -1,7 +1,9 @@
 #include "law_design/cell_contents.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 namespace eampc::law_design {
 namespace {
@@ -131,6 +133,41 @@ bool CellGeometry::difference_below(int law_a, int law_b, const CellItem& item, 
   const LpResult result = program_.maximise(c.data(), parts, limit);
   return result.status == LpStatus::kBelowCutoff || result.status == LpStatus::kInfeasible ||
          (result.status == LpStatus::kOptimal && result.value <= limit);
+}
+
+double CellGeometry::first_output(const Point& start, const CellItem& target,
+                                  const std::vector<CellItem>& items) const {
+  Point direction{};
+  for (const Point& point : target.extent->points) {
+    for (std::size_t j = 0; j < direction.size(); ++j) {
+      direction[j] += point[j] / static_cast<double>(target.extent->points.size());
+    }
+  }
+  for (std::size_t j = 0; j < direction.size(); ++j) direction[j] -= start[j];
+  double first = std::numeric_limits<double>::infinity();
+  double value = 0.5;
+  for (const CellItem& item : items) {
+    const LawRegion& region = laws_.regions[index(item.region)];
+    double enter = 0.0;
+    double leave = std::numeric_limits<double>::infinity();
+    for (int f = 0; f < region.facets.size() && enter <= leave; ++f) {
+      const double slack = region.facets.offset(f) - region.facets.product(f, start.data());
+      const double speed = region.facets.product(f, direction.data());
+      if (std::abs(speed) < 1e-14) {
+        if (slack < 0.0) leave = -1.0;
+      } else if (speed > 0.0) {
+        leave = std::min(leave, slack / speed);
+      } else {
+        enter = std::max(enter, slack / speed);
+      }
+    }
+    if (enter > leave || enter >= first) continue;
+    first = enter;
+    Point at{};
+    for (std::size_t j = 0; j < at.size(); ++j) at[j] = start[j] + enter * direction[j];
+    value = laws_.value(region.law, at.data());
+  }
+  return value;
 }
 
 bool CellGeometry::centre(const Cell& cell, Point* centre) {

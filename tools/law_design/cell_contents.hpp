@@ -72,6 +72,11 @@ class CellGeometry {
   /// max of law a − law b over region ∩ cell is at most `bound`.
   bool difference_below(int law_a, int law_b, const CellItem& item, const Cell& cell, double bound);
 
+  /// The output where the line from `start` to the middle of `target` first meets one of `items`;
+  /// 0.5 if it meets none.
+  double first_output(const Point& start, const CellItem& target,
+                      const std::vector<CellItem>& items) const;
+
   /// Centre of the largest ball of a cell; false if it holds none of radius kThinCell.
   bool centre(const Cell& cell, Point* centre);
 

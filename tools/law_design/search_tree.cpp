@@ -4,14 +4,13 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <limits>
 #include <stdexcept>
 #include <string>
-#include <unordered_map>
 #include <utility>
 
 #include "law_design/cell_contents.hpp"
+#include "law_design/law_planes.hpp"
 #include "law_design/output_laws.hpp"
 
 namespace eampc::law_design {
@@ -49,8 +48,6 @@ class TreeBuilder {
   };
   using Items = std::vector<CellItem>;
 
-  void collect_planes();
-  int plane_id(const LawRegion& region, int facet);
   unsigned sides_of_region(int plane, int region);
   Child build(Items items, int depth);
   bool accept_as_leaf(const Items& items, int law, double difference);
@@ -101,49 +98,10 @@ TreeBuilder::TreeBuilder(OutputLaws laws, const OutputLaw& output, const SearchT
   piece_of_law_.assign(laws_.laws.size(), -1);
   law_sides_.assign(laws_.laws.size(), 0U);
   stamp_law_.assign(laws_.laws.size(), -1);
-  collect_planes();
-}
-
-// Planes are shared by the regions on both sides of them: one entry per plane, whatever its sign.
-void TreeBuilder::collect_planes() {
-  std::unordered_map<std::size_t, std::vector<int>> buckets;
-  const auto add = [&](const LawRegion& region, int facet) {
-    Hyperplane plane;
-    region.facets.copy_normal(facet, plane.normal.data());
-    plane.offset = region.facets.offset(facet);
-    for (int j = 0; j < laws_.parameters; ++j) {
-      if (std::abs(plane.normal[index(j)]) < 1e-6) continue;
-      if (plane.normal[index(j)] < 0.0) {
-        for (double& a : plane.normal) a = -a;
-        plane.offset = -plane.offset;
-      }
-      break;
-    }
-    std::size_t key = 1469598103934665603U;
-    const auto mix = [&](double x) {
-      key ^= static_cast<std::size_t>(static_cast<std::int64_t>(std::llround(x * 1e7)));
-      key *= 1099511628211U;
-    };
-    for (int j = 0; j < laws_.parameters; ++j) mix(plane.normal[index(j)]);
-    mix(plane.offset);
-    for (const int other : buckets[key]) {
-      double difference = std::abs(planes_[index(other)].offset - plane.offset);
-      for (std::size_t j = 0; j < plane.normal.size(); ++j) {
-        difference += std::abs(planes_[index(other)].normal[j] - plane.normal[j]);
-      }
-      if (difference < 1e-10) return other;
-    }
-    const int id = static_cast<int>(planes_.size());
-    buckets[key].push_back(id);
-    planes_.push_back(plane);
-    return id;
-  };
-  for (const LawRegion& region : laws_.regions) {
-    law_planes_.emplace_back();
-    outer_planes_.emplace_back();
-    for (const int f : region.law_facets) law_planes_.back().push_back(add(region, f));
-    for (const int f : region.outer_facets) outer_planes_.back().push_back(add(region, f));
-  }
+  LawPlanes shared = collect_law_planes(laws_);
+  planes_ = std::move(shared.planes);
+  law_planes_ = std::move(shared.law);
+  outer_planes_ = std::move(shared.outer);
   in_use_.assign(planes_.size(), 0);
   sides_.resize(planes_.size());
   stamp_plane_.assign(planes_.size(), -1);
@@ -289,36 +247,7 @@ int TreeBuilder::bound_in_cell(const Items& around, const Point& start) {
   for (const CellItem& target : around) {
     if (target.thin) continue;
     if (++tried > 20) break;
-    Point direction{};
-    for (const Point& point : target.extent->points) {
-      for (std::size_t j = 0; j < direction.size(); ++j) {
-        direction[j] += point[j] / static_cast<double>(target.extent->points.size());
-      }
-    }
-    for (std::size_t j = 0; j < direction.size(); ++j) direction[j] -= start[j];
-    double first = std::numeric_limits<double>::infinity();
-    double value = 0.5;
-    for (const CellItem& item : around) {
-      const LawRegion& region = laws_.regions[index(item.region)];
-      double enter = 0.0;
-      double leave = std::numeric_limits<double>::infinity();
-      for (int f = 0; f < region.facets.size() && enter <= leave; ++f) {
-        const double slack = region.facets.offset(f) - region.facets.product(f, start.data());
-        const double speed = region.facets.product(f, direction.data());
-        if (std::abs(speed) < 1e-14) {
-          if (slack < 0.0) leave = -1.0;
-        } else if (speed > 0.0) {
-          leave = std::min(leave, slack / speed);
-        } else {
-          enter = std::max(enter, slack / speed);
-        }
-      }
-      if (enter > leave || enter >= first) continue;
-      first = enter;
-      Point at{};
-      for (std::size_t j = 0; j < at.size(); ++j) at[j] = start[j] + enter * direction[j];
-      value = laws_.value(region.law, at.data());
-    }
+    const double value = geometry_.first_output(start, target, around);
     if (std::abs(value) < 1e-7) return low_law_;
     if (std::abs(value - 1.0) < 1e-7) return high_law_;
     nearest = value;
@@ -438,18 +367,7 @@ TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
       // No point of the cell is further than rounding on the missing side.
       if (!exists[0] || !exists[1]) return children[exists[0] ? 0 : 1];
       if (children[0].code < 0 && children[0].code == children[1].code) return children[0];
-      control::SplitNode node{};
-      double norm = 0.0;
-      for (int j = 0; j < laws_.parameters; ++j) {
-        node.normal[j] = planes_[index(plane)].normal[index(j)] / laws_.half_width(j);
-        norm += node.normal[j] * node.normal[j];
-      }
-      norm = std::sqrt(norm);
-      node.offset = planes_[index(plane)].offset / norm;
-      for (int j = 0; j < laws_.parameters; ++j) {
-        node.normal[j] /= norm;
-        node.offset += node.normal[j] * laws_.centre(j);
-      }
+      control::SplitNode node = in_problem_units(planes_[index(plane)], laws_);
       node.below = children[0].code;
       node.above = children[1].code;
       tree_.nodes.push_back(node);
