@@ -11,12 +11,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from eampc_rig.rig_file import Rig
+from numpy.typing import NDArray
+
 from eampc import _core
 from eampc.law import Law
 from eampc.reference_table import load_reference_table
 from eampc.user_error import UserError
-from eampc_rig.rig_file import Rig
-from numpy.typing import NDArray
 
 # As `eampc hil`: the operator arms in this cycle.
 ARM_AT_CYCLE = 20
