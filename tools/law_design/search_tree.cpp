@@ -31,8 +31,8 @@ constexpr std::size_t kSideCacheBytes = 300'000'000;
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 struct Split {
-  int plane = -1;
-  double cost = std::numeric_limits<double>::infinity();
+  int plane;
+  double cost;
 };
 
 class TreeBuilder {
@@ -330,7 +330,6 @@ TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
     ++distinct;
     if (present.size() < 4) present.push_back(law);
   }
-  if (distinct == 0) throw std::logic_error("search tree: empty cell");
   if (distinct <= 4) {
     for (const int law : present) {
       if (!accept_as_leaf(items, law, kAcceptedDifference)) continue;
