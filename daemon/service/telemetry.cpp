@@ -84,18 +84,18 @@ std::int64_t now_us() {
 }  // namespace
 
 Telemetry::Telemetry(const std::string& lcm_url, std::int32_t state_decimation)
-    : lcm_(open_lcm(lcm_url)), state_decimation_(state_decimation) {}
+    : handle_(open_lcm(lcm_url)), lcm_(handle_.get()), state_decimation_(state_decimation) {}
 
 void Telemetry::subscribe_reference(ReferenceHandler handler) {
-  handler_ = std::move(handler);
-  lcm_.subscribe("EAMPC_REFERENCE", &Telemetry::on_reference, this)->setQueueCapacity(8);
+  // A function object, not LCM's pointer to a member: GCC 12's sanitizer takes that one for null.
+  const lcm::LCM::HandlerFunction<eampc_lcm::reference_t> on_message =
+      [handler = std::move(handler)](const lcm::ReceiveBuffer*, const std::string&,
+                                     const eampc_lcm::reference_t* message) {
+        handler({message->angle_rad, message->velocity_rad_s, message->acceleration_rad_s2},
+                message->utime);
+      };
+  lcm_.subscribe("EAMPC_REFERENCE", on_message)->setQueueCapacity(8);
   subscribed_ = true;
-}
-
-void Telemetry::on_reference(const lcm::ReceiveBuffer*, const std::string&,
-                             const eampc_lcm::reference_t* message) {
-  handler_({message->angle_rad, message->velocity_rad_s, message->acceleration_rad_s2},
-           message->utime);
 }
 
 void Telemetry::receive(int wait_ms) {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <lcm/lcm-cpp.hpp>
+#include <memory>
 #include <string>
 
 #include "eampc_lcm/health_t.hpp"
@@ -33,13 +34,14 @@ class Telemetry {
   void receive(int wait_ms);
 
  private:
-  void on_reference(const lcm::ReceiveBuffer* buffer, const std::string& channel,
-                    const eampc_lcm::reference_t* message);
-
+  struct Destroyer {
+    void operator()(lcm_t* lcm) const noexcept { ::lcm_destroy(lcm); }
+  };
+  // The C++ wrapper does not own a handle that it did not open itself.
+  std::unique_ptr<lcm_t, Destroyer> handle_;
   lcm::LCM lcm_;
   const std::int32_t state_decimation_;
   bool subscribed_ = false;
-  ReferenceHandler handler_;
   eampc_lcm::state_t state_{};  // kept, so that its strings keep their storage
 };
 

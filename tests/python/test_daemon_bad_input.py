@@ -3,9 +3,9 @@
 import subprocess
 
 import pytest
-from toy_daemon import eampcd, law_bytes, law_payload
+from toy_daemon import UDP_PORT, eampcd, law_bytes, law_payload
 
-BUS = "udp_multicast:239.74.163.2:43918"
+BUS = f"udp_multicast:239.74.163.2:{UDP_PORT}"
 
 
 @pytest.fixture

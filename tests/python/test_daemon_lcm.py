@@ -6,18 +6,19 @@ import can
 import lcm
 import pytest
 from eampc_lcm import health_t, reference_t, state_t
-from toy_daemon import ARMING_RAMP_S, PERIOD_S, Daemon, EncoderNode, answer, law_payload
+from toy_daemon import ARMING_RAMP_S, PERIOD_S, UDP_PORT, Daemon, EncoderNode, answer, law_payload
 
-PORT = 43922
-URL = f"udp_multicast:239.74.163.2:{PORT}"
+URL = f"udp_multicast:239.74.163.2:{UDP_PORT}"
 # Not LCM's default port: a run beside the tests must not be heard.
-LCM_URL = "udpm://239.255.76.67:43923?ttl=0"
+LCM_URL = f"udpm://239.255.76.67:{UDP_PORT + 1}?ttl=0"
 ARMING_CYCLES = round(ARMING_RAMP_S / PERIOD_S)
 
 
 @pytest.fixture
 def bus():
-    with can.Bus(interface="udp_multicast", channel="239.74.163.2", port=PORT, hop_limit=0) as bus:
+    with can.Bus(
+        interface="udp_multicast", channel="239.74.163.2", port=UDP_PORT, hop_limit=0
+    ) as bus:
         yield bus
 
 

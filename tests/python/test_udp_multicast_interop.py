@@ -13,21 +13,23 @@ from toy_daemon import (
     ARMING_RAMP_S,
     BIAS_V,
     PERIOD_S,
+    UDP_PORT,
     Daemon,
     EncoderNode,
     answer,
     eampcd,
 )
 
-PORT = 43917  # not the default, so that a hil run beside the tests does not join in
-URL = f"udp_multicast:239.74.163.2:{PORT}"
+URL = f"udp_multicast:239.74.163.2:{UDP_PORT}"
 ARM_CYCLE = 20
 ARMING_CYCLES = round(ARMING_RAMP_S / PERIOD_S)
 
 
 @pytest.fixture
 def bus():
-    with can.Bus(interface="udp_multicast", channel="239.74.163.2", port=PORT, hop_limit=0) as bus:
+    with can.Bus(
+        interface="udp_multicast", channel="239.74.163.2", port=UDP_PORT, hop_limit=0
+    ) as bus:
         yield bus
 
 

@@ -26,6 +26,8 @@ PERIOD_S = 0.005
 ARMING_RAMP_S = 0.05
 SOFT_STOP_RAMP_S = 0.05
 BIAS_V = 5.0
+# Multicast has no owner: two test runs on one machine must not meet. Below the ephemeral ports.
+UDP_PORT = 20_000 + os.getpid() % 12_000
 # A start under user-mode Linux with every page locked takes seconds; on a plain machine 50 ms.
 START_LIMIT_S = 60.0
 
