@@ -112,15 +112,17 @@ def test_every_frame_on_the_bus_is_within_the_valves_range(reference_run: dict[s
     """Read by candump and cantools: neither knows our codec."""
     count, lowest, highest = voltages("reference", reference_run["bus"])
     # Arming 120, scenario 1200, stopping 220 frames; three scenarios.
-    assert count == 3 * 1540
+    assert count >= 3 * 1540
     assert lowest >= 0.0
     assert highest <= 10.0
     assert highest > 5.0
 
 
 def test_one_command_answers_one_encoder_frame(reference_run: dict[str, Any]) -> None:
-    both = [frame for frame, _ in reference_run["bus"] if frame in (0x181, 0x201)]
-    assert both == [0x181, 0x201] * (len(both) // 2)
+    """Three runs; at the end of each the daemon says once more that the valves are to be safe."""
+    letters = {0x181: "E", 0x201: "C"}
+    talk = "".join(letters.get(frame, "") for frame, _ in reference_run["bus"])
+    assert re.fullmatch(r"(?:(?:EC){1540}C?){3}", talk)
 
 
 def test_kalman_estimator_needs_no_velocity_signal(tmp_path: Path) -> None:
@@ -191,13 +193,19 @@ def test_other_tools_join_the_bus_during_a_run(tmp_path: Path) -> None:
     with can.Bus(interface="socketcan", channel=BUS) as client, candump(tmp_path / "bus.log"):
         run = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
         deadline = time.monotonic() + RUN_LIMIT_S
-        while run.poll() is None and time.monotonic() < deadline:
-            message = client.recv(0.5)
+        commands, senders = 0, []
+        while time.monotonic() < deadline:
+            message = client.recv(1.0)
             if message is None:
+                if run.poll() is not None:
+                    break
                 continue
             heard.add(message.arbitration_id)
-            if message.arbitration_id == 0x201 and 0x123 not in heard:
-                subprocess.run(["cansend", BUS, "123#DEADBEEF"], check=True)
+            commands += message.arbitration_id == 0x201
+            if message.arbitration_id == 0x201 and commands % 300 == 100:
+                # Not waited for: the client's queue would run over meanwhile.
+                senders.append(subprocess.Popen(["cansend", BUS, "123#DEADBEEF"]))
+        assert [sender.wait(10) for sender in senders] == [0] * len(senders)
         output, _ = run.communicate(timeout=30)
     assert run.returncode == 0, output  # the stranger's frame did no harm
     assert {0x123, 0x181, 0x182, 0x201} <= heard
