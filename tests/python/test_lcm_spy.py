@@ -39,6 +39,8 @@ while True:
                 setattr(message, name, "text")
         if hasattr(message, "angle_rad"):
             message.angle_rad = 0.001 * (number % 500)
+        if hasattr(message, "arrival_to_sent_us"):
+            message.arrival_to_sent_us = 30.0 + number % 7
         link.publish(channel, message.encode())
     number += 1
     time.sleep(0.02)

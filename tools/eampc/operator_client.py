@@ -151,9 +151,7 @@ class OperatorClient:
             },
         )
 
-    def reference_table(
-        self, table: ReferenceTable, at_cycle: int | None = None
-    ) -> dict[str, Any]:
+    def reference_table(self, table: ReferenceTable, at_cycle: int | None = None) -> dict[str, Any]:
         """The table's first row is scenario time 0."""
         rows = np.ascontiguousarray(table.rows, dtype="<f8")
         return self.command(

@@ -51,7 +51,8 @@ class Assessment:
     RMS and maximum error are over scenario times from tolerance.rms_from_s to the end; the final
     error is |mean error| over the last 0.2 s. u1, u2 are extremes while the law was at work; the
     all_frames pair is over every command frame, arming and stopping included. A missed cycle is an
-    encoder frame of the scenario that no valve command answered before the next one.
+    encoder frame of the scenario that no valve command answered before the next one, whosoever's
+    fault; a deadline overrun is a cycle in which the daemon itself took longer than a period.
     """
 
     rms_error_rad: float
@@ -72,6 +73,7 @@ class Assessment:
     faults: list[str]
     modes_in_scenario: list[str]
     limited_cycles: int
+    deadline_overruns: int
     arrival_to_sent_p50_us: float
     arrival_to_sent_p99_us: float
     arrival_to_sent_max_us: float
@@ -158,6 +160,7 @@ def assess(
         "faults": sorted({str(fault) for fault in record["fault"][until_the_end]} - NO_FAULT),
         "modes_in_scenario": sorted({str(mode) for mode in cycles["mode"]}),
         "limited_cycles": _limited(cycles),
+        "deadline_overruns": int(np.count_nonzero(cycles["arrival_to_sent_us"] > 1e6 * period_s)),
         **_latency(cycles),
     }
     demands = _demands(rig, scenario, values)

@@ -290,5 +290,6 @@ def _section(run: ScenarioRun, pictures: Sequence[Path], folder: Path) -> str:
     return f"""<h2>{e(run.name)}</h2>{images}
 <ul>{demands}</ul>
 <p class="note">Daemon's peak memory {memory}; answer p50 / p99 / max {latency} µs;
-limits acted in {figures.limited_cycles} cycles. Logs: {logs}.</p>
+it took longer than a period in {figures.deadline_overruns} cycles; limits acted in
+{figures.limited_cycles} cycles. Logs: {logs}.</p>
 """
