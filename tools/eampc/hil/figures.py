@@ -243,6 +243,7 @@ def _latency_tail(axes: Axes, data: LoopData) -> None:
     axes.step(total, rarer, color=BLUE, where="post")
     axes.set_xscale("log")
     _plain_numbers(axes.xaxis)
+    axes.set_xlim(left=total[0] / 3.0)  # room for the names left of the points
     axes.set_yscale("log")
     for fraction, name in ((0.5, "p50"), (0.99, "p99"), (1.0, "max")):
         value = float(np.quantile(total, fraction))
@@ -261,8 +262,8 @@ def _latency_tail(axes: Axes, data: LoopData) -> None:
 
 
 def _plain_numbers(axis: Axis) -> None:
-    """100 instead of 10², and 1, 2, 5 of each decade."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    """100 instead of 10², and 1 and 3 of each decade."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
