@@ -397,7 +397,9 @@ void read_tree(const Value& tree, int np, control::SearchTree& out,
                std::vector<control::SplitNode>& nodes, std::vector<control::AffinePiece>& pieces) {
   const std::vector<double> hyperplanes = tree.at("hyperplanes").doubles({-1, np + 1});
   const std::size_t row = static_cast<std::size_t>(np) + 1;
-  nodes.resize(hyperplanes.size() / row);
+  const std::size_t planes = hyperplanes.size() / row;
+  const std::vector<std::int32_t> split = tree.at("split").integers({-1});
+  nodes.resize(split.size());
   const std::vector<std::int32_t> children =
       tree.at("children").integers({static_cast<std::int64_t>(nodes.size()), 2});
   const std::vector<double> gains = tree.at("piece_gain").doubles({-1, np});
@@ -413,8 +415,12 @@ void read_tree(const Value& tree, int np, control::SearchTree& out,
   };
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     nodes[i] = {};
-    std::copy_n(&hyperplanes[i * row], np, nodes[i].normal);
-    nodes[i].offset = hyperplanes[i * row + static_cast<std::size_t>(np)];
+    if (split[i] < 0 || static_cast<std::size_t>(split[i]) >= planes) {
+      tree.at("split").fail("names a hyperplane that does not exist, at node " + std::to_string(i));
+    }
+    const double* plane = &hyperplanes[static_cast<std::size_t>(split[i]) * row];
+    std::copy_n(plane, np, nodes[i].normal);
+    nodes[i].offset = plane[np];
     nodes[i].below = children[2 * i];
     nodes[i].above = children[2 * i + 1];
     if (!in_range(nodes[i].below) || !in_range(nodes[i].above)) {

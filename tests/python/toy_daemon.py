@@ -117,6 +117,7 @@ def law_payload(**telemetry) -> dict:
                 "root": -1,
                 "depth": 0,
                 "hyperplanes": {"shape": [0, 6], "f64": b""},
+                "split": {"shape": [0], "i32": b""},
                 "children": {"shape": [0, 2], "i32": b""},
                 "piece_gain": array([[-8.0, -1.0, 1.0, 0.0, 0.0]]),
                 "piece_offset": array([0.0]),

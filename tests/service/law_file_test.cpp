@@ -175,6 +175,10 @@ TEST(LawFile, TableOfDefects) {
        [](Tree& t) {
          t["law"]["tree"]["children"] = array<std::int32_t>({1, 2}, {0, -1});
        }},
+      {"law.tree.split",
+       [](Tree& t) {
+         t["law"]["tree"]["split"] = array<std::int32_t>({1}, {1});
+       }},
       {"law.tree.depth is 0", [](Tree& t) { t["law"]["tree"]["depth"] = 0; }},
       {"law.tree.root", [](Tree& t) { t["law"]["tree"]["root"] = 1; }},
       {"law.tree.piece_offset",
@@ -258,6 +262,7 @@ TEST(LawFile, ATreeWithSharedNodesHasItsLongestPathMeasured) {
   Tree payload = synthetic_payload();
   Tree& tree = payload["law"]["tree"];
   tree["hyperplanes"] = matrix(3, 6, std::vector<double>(18));
+  tree["split"] = array<std::int32_t>({3}, {0, 1, 2});
   tree["children"] = array<std::int32_t>({3, 2}, {1, 2, 2, -1, -1, -1});
   tree["depth"] = 3;
   EXPECT_EQ(refusal(law_bytes(payload)), "");
@@ -269,6 +274,7 @@ TEST(LawFile, ALawOfOnePieceNeedsNoNode) {
   Tree payload = synthetic_payload();
   Tree& tree = payload["law"]["tree"];
   tree["hyperplanes"] = matrix(0, 6, {});
+  tree["split"] = array<std::int32_t>({0}, {});
   tree["children"] = array<std::int32_t>({0, 2}, {});
   tree["root"] = -1;
   tree["depth"] = 0;

@@ -126,6 +126,7 @@ inline Tree synthetic_payload() {
                         {"tree", Tree::Map{{"root", 0},
                                            {"depth", 1},
                                            {"hyperplanes", matrix(1, 6, {1, 0, 0, 0, 0, 0})},
+                                           {"split", array<std::int32_t>({1}, {0})},
                                            {"children", array<std::int32_t>({1, 2}, {-1, -1})},
                                            {"piece_gain", matrix(1, 5, {-40, -2, 1, 0, 0})},
                                            {"piece_offset", vector({0})}}},

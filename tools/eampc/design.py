@@ -17,6 +17,10 @@ from eampc.law import Law
 if TYPE_CHECKING:
     from eampc_rig import Rig
 
+# Random parameters that must lie in a known region. Facets lead to all but regions that saturated
+# ones surround, and those only a hit finds: as many as half a second allows.
+_COVERAGE_POINTS = 50_000
+
 # Called now and then with the name of the step, what is done and what is known of the whole
 # (0: unknown). An exception in it ends the design.
 Progress = Callable[[str, int, int], None]
@@ -197,7 +201,10 @@ def _regions(rig: Rig, condensed: Any, progress: Progress) -> Any:
     }
     try:
         solution = _core.solve_mpqp(
-            **problem, output=_output(condensed, rig.control_max), progress=report
+            **problem,
+            output=_output(condensed, rig.control_max),
+            random_points=_COVERAGE_POINTS,
+            progress=report,
         )
     except (ValueError, RuntimeError) as error:
         raise _NoLawError(
@@ -225,10 +232,14 @@ def _search_tree(
             f"the regions could not be sorted into a search tree ({error}); lower "
             "control.control_horizon or raise constraints.stage_step"
         ) from None
+    # A hyperplane divides many cells: the file holds it once.
+    hyperplanes, split = np.unique(built["hyperplanes"], axis=0, return_inverse=True)
     tree = {
         "root": int(built["root"]),
         "depth": int(built["depth"]),
-        **{key: built[key] for key in ("hyperplanes", "children", "piece_gain", "piece_offset")},
+        "hyperplanes": hyperplanes,
+        "split": split.astype(np.int32),
+        **{key: built[key] for key in ("children", "piece_gain", "piece_offset")},
     }
     found = solution.statistics
     statistics = {

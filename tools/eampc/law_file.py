@@ -96,7 +96,7 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
     "bus": ("encoder", "valve_command", "sync", "valve_feedback"),
     "telemetry": ("lcm_url", "state_decimation", "reference_by_lcm"),
 }
-_TREE = ("root", "depth", "hyperplanes", "children", "piece_gain", "piece_offset")
+_TREE = ("root", "depth", "hyperplanes", "split", "children", "piece_gain", "piece_offset")
 
 
 def encode_law(payload: Mapping[str, Any]) -> bytes:
@@ -297,12 +297,18 @@ def _check_tree(tree: Any, parameters: int) -> None:
     pieces = gain.shape[0] if isinstance(gain, np.ndarray) else 0
     if pieces < 1:
         raise _DefectError("law.tree has no pieces")
-    _require_shape(tree["hyperplanes"], (nodes, parameters + 1), "law.tree.hyperplanes")
+    hyperplanes, split = tree["hyperplanes"], tree["split"]
+    planes = hyperplanes.shape[0] if isinstance(hyperplanes, np.ndarray) else 0
+    _require_shape(hyperplanes, (planes, parameters + 1), "law.tree.hyperplanes")
+    _require_shape(split, (nodes,), "law.tree.split")
     _require_shape(children, (nodes, 2), "law.tree.children")
     _require_shape(gain, (pieces, parameters), "law.tree.piece_gain")
     _require_shape(tree["piece_offset"], (pieces,), "law.tree.piece_offset")
-    if children.dtype != np.dtype("i4"):
-        raise _DefectError("law.tree.children must hold whole numbers")
+    for name, array in (("children", children), ("split", split)):
+        if array.dtype != np.dtype("i4"):
+            raise _DefectError(f"law.tree.{name} must hold whole numbers")
+    if ((split < 0) | (split >= planes)).any():
+        raise _DefectError("law.tree.split names a hyperplane that is not there")
     root, depth = tree["root"], tree["depth"]
     if type(root) is not int or type(depth) is not int:
         raise _DefectError("law.tree.root and law.tree.depth must be whole numbers")

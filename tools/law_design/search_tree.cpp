@@ -1,10 +1,12 @@
 #include "law_design/search_tree.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <map>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -57,6 +59,7 @@ class TreeBuilder {
   bool divide(const Items& items, int plane, Items& below, Items& above);
   int bound_in_cell(const Items& around, const Point& start);
   Child leaf(int law);
+  std::int32_t node_of(int plane, std::int32_t below, std::int32_t above);
   void check_insides(const BuiltSearchTree& tree) const;
 
   OutputLaws laws_;
@@ -76,6 +79,7 @@ class TreeBuilder {
   int stamp_ = 0;
   int low_law_ = 0, high_law_ = 0;
   std::vector<std::int32_t> piece_of_law_;
+  std::map<std::array<std::int32_t, 3>, std::int32_t> node_codes_;  // (plane, below, above)
   BuiltSearchTree tree_;
 };
 
@@ -366,11 +370,7 @@ TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
       // No point of the cell is further than rounding on the missing side.
       if (!exists[0] || !exists[1]) return children[exists[0] ? 0 : 1];
       if (children[0].code < 0 && children[0].code == children[1].code) return children[0];
-      control::SplitNode node = in_problem_units(planes_[index(plane)], laws_);
-      node.below = children[0].code;
-      node.above = children[1].code;
-      tree_.nodes.push_back(node);
-      return {static_cast<std::int32_t>(tree_.nodes.size()) - 1,
+      return {node_of(plane, children[0].code, children[1].code),
               1 + std::max(children[0].depth, children[1].depth)};
     }
   }
@@ -390,6 +390,20 @@ TreeBuilder::Child TreeBuilder::build(Items items, int depth) {
   throw std::runtime_error("search tree: " + std::to_string(distinct) +
                            " laws in one cell that no facet separates and that differ by " +
                            std::to_string(largest * 1e9) + "e-9 of the output range");
+}
+
+// Neighbouring cells often end in the same splits; equal subtrees are kept once, which leaves
+// less than half of the nodes on the ready rigs.
+std::int32_t TreeBuilder::node_of(int plane, std::int32_t below, std::int32_t above) {
+  const auto next = static_cast<std::int32_t>(tree_.nodes.size());
+  const auto [entry, is_new] = node_codes_.try_emplace({plane, below, above}, next);
+  if (is_new) {
+    control::SplitNode node = in_problem_units(planes_[index(plane)], laws_);
+    node.below = below;
+    node.above = above;
+    tree_.nodes.push_back(node);
+  }
+  return entry->second;
 }
 
 void TreeBuilder::check_insides(const BuiltSearchTree& tree) const {
