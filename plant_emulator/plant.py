@@ -12,6 +12,7 @@ from eampc_rig.scenario_sections import DisturbanceTerm
 from plant_emulator.antagonistic_joint import AntagonisticJoint
 from plant_emulator.disturbance import JUMP_TOLERANCE_S, Disturbance
 from plant_emulator.emulator_error import EmulatorError
+from plant_emulator.end_stop import at_end_stop
 from plant_emulator.friction import Friction
 from plant_emulator.integrator import JointState, rk4_step
 from plant_emulator.proportional_valve import ProportionalValve
@@ -50,6 +51,7 @@ class Plant:
         self._substep_s = rig.control.period_s / rig.emulator.substeps
         self._lead_frames = lead_frames
         self._hold = rig.emulator.hold_until_start
+        self._end_stop_rad = rig.emulator.end_stop_rad
         self._joint = AntagonisticJoint.from_rig(rig.joint, rig.emulated_muscle)
         self._friction = Friction.from_rig(rig.emulator)
         self._friction.check_step(
@@ -141,6 +143,7 @@ class Plant:
             if not held:
                 pressures = (valve1.pressure_Pa, valve2.pressure_Pa, mid1, mid2, end1, end2)
                 state = rk4_step(self._rates, begin + index * step, step, state, pressures)
+                state = at_end_stop(state, self._end_stop_rad)
             valve1.pressure_Pa, valve2.pressure_Pa = end1, end2
         if not (math.isfinite(state[0]) and math.isfinite(state[1])):
             raise EmulatorError(

@@ -89,6 +89,7 @@ class EmulatorSection(Section):
     velocity_noise_rad_s: NonNegative = 0.0
     seed: Annotated[int, Field(ge=0)] = 1
     supply_pressure_kPa: NonNegative = 1000.0
+    end_stop_rad: Positive | None = None
     coulomb_friction_N_m: NonNegative = 0.0
     bouc_wen: BoucWenSection | None = None
     disturbance: Annotated[tuple[DisturbanceTerm, ...], Field(strict=False)] = ()

@@ -166,3 +166,20 @@ def test_a_period_is_cheap(reference_rig: Rig) -> None:
         plant.advance_to(T)
         best = min(best, time.perf_counter() - begin)
     assert best < 0.3e-3
+
+
+def test_end_stop_ends_the_motion_and_lets_go_again(reference_rig: Rig) -> None:
+    emulator = reference_rig.emulator.model_copy(update={"end_stop_rad": 0.5})
+    plant = Plant(reference_rig.model_copy(update={"emulator": emulator}))
+    frame = 0
+    for u1, u2, periods in ((9.0, 1.0, 200), (1.0, 9.0, 20)):
+        for _ in range(periods):
+            plant.begin_frame(frame)
+            plant.command(u1, u2)
+            plant.advance_to(T)
+            assert abs(plant.angle_rad) <= 0.5
+            frame += 1
+        if u1 > u2:
+            assert plant.angle_rad == 0.5
+            assert plant.velocity_rad_s == 0.0
+    assert plant.angle_rad < 0.4

@@ -72,7 +72,7 @@ def register(app: typer.Typer) -> None:
         epilog="Example: eampc hil rigs/reference --scenario all "
         "--bus udp_multicast:239.74.163.2:43113 --out reports/today"
     )(hil)
-    app.command(epilog="Example: eampc demo rigs/reference")(demo)
+    app.command(epilog="Example: eampc demo rigs/reference --real-time")(demo)
 
 
 def hil(
@@ -127,11 +127,15 @@ def demo(
     law: LawOption = None,
     lockstep: Annotated[
         bool,
-        typer.Option("--lockstep/--real-time", help="Real time, or as fast as the bus goes."),
-    ] = False,
+        typer.Option(
+            "--lockstep/--real-time",
+            help="As fast as the bus goes and the same every time, or at the rig's rate (a busy "
+            "machine that stalls for longer than safety.encoder_timeout_s then ends the run).",
+        ),
+    ] = True,
     lcm_url: LcmOption = None,
 ) -> None:
-    """The whole loop in real time on the best bus this machine has; says which, and why."""
+    """The whole loop on the best bus this machine has; says which, and why."""
     from eampc.hil.bus_choice import choose_bus
 
     choice = choose_bus(DEFAULT_MULTICAST)
