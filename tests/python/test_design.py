@@ -11,14 +11,12 @@ from eampc_rig import load_rig
 from ready_rigs import READY, RIGS, law_of, rig_of
 
 LARGEST_FILE_BYTES = 2_000_000  # the daemon locks it in memory
-LONGEST_DESIGN_S = 60.0
 
 
 @pytest.mark.parametrize(("name", "variant"), READY)
-def test_law_is_small_and_quickly_designed(name: str, variant: str | None) -> None:
+def test_law_is_small(name: str, variant: str | None) -> None:
     law = law_of(name, variant)
     assert len(law.to_bytes()) < LARGEST_FILE_BYTES
-    assert law.design_seconds < LONGEST_DESIGN_S
     statistics = law.statistics
     assert statistics["depth"] <= 100
     assert statistics["regions"] >= statistics["pieces"] - 2  # two more for the saturated ends
