@@ -13,7 +13,11 @@ import pytest
 ROOT = Path(__file__).parents[2]
 BUS = "udp_multicast:239.74.163.9:43199"
 # A law that is designed in an instant: what is tested here is not how well it controls.
-SMALL = ["--set", "control.horizon=10", "--set", "control.control_horizon=1"]
+SMALL = [
+    *("--set", "control.horizon=10"),
+    *("--set", "control.control_horizon=1"),
+    *("--set", "constraints.stage_step=10"),
+]
 Eampc = Callable[..., subprocess.CompletedProcess[str]]
 
 COMMANDS = [

@@ -61,13 +61,14 @@ def display() -> Iterator[str]:
     """A screen of its own; Xvfb chooses a free number and tells it."""
     read_end, write_end = os.pipe()
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "1400x900x24"],
+        ["Xvfb", "-displayfd", str(write_end), "-noreset", "-screen", "0", "1400x900x24"],
         pass_fds=[write_end],
         stderr=subprocess.DEVNULL,
     )
     os.close(write_end)
-    number = os.read(read_end, 16).decode().strip()
-    os.close(read_end)
+    # Number and newline are written one after the other: a pipe closed between them ends Xvfb.
+    with os.fdopen(read_end) as pipe:
+        number = pipe.readline().strip()
     yield f":{number}"
     server.terminate()
     server.wait()
