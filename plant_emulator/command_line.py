@@ -22,7 +22,7 @@ from plant_emulator.emulator_error import EmulatorError
 from plant_emulator.encoder import Encoder
 from plant_emulator.fault_injection import FaultInjector, parse_fault
 from plant_emulator.joint_node import JointNode
-from plant_emulator.pacing import LockStep, Pacing, RealTime
+from plant_emulator.pacing import LockStep, Pacing, RealTime, SyncPaced
 from plant_emulator.plant import Plant
 from plant_emulator.telemetry import NO_LCM, Telemetry
 from plant_emulator.truth_log import TruthLog
@@ -87,8 +87,13 @@ def emulate(
         signal.signal(number, lambda *_: stop.set())
     link = open_bus(bus)
     try:
-        pacing = (LockStep if lockstep else RealTime)(link, node, stop)
-        way = "lock-step" if lockstep else "real time"
+        if lockstep:
+            pacing, way = LockStep(link, node, stop), "lock-step"
+        elif loaded.control.trigger == "sync" and codecs.sync is not None:
+            sync_id = (codecs.sync.frame_id, codecs.sync.is_extended)
+            pacing, way = SyncPaced(link, node, stop, sync_id), "real time, paced by Sync frames"
+        else:
+            pacing, way = RealTime(link, node, stop), "real time"
         print(f"{PROGRAM}: rig {loaded.rig.name} on {bus} in {way}", flush=True)
         done = _run(pacing, frames, truth, telemetry)
     finally:

@@ -127,15 +127,8 @@ class RealTime(Pacing):
 
     def exchange(self, frame: int) -> TruthRow | None:
         """Run one period; return its truth, or None if the run was asked to stop."""
-        node, period_s = self._node, self._node.period_s
-        if frame == 0:
-            self._start_s = time.monotonic() + period_s
-        instant_s = self._start_s + frame * period_s
-        late_s = time.monotonic() - instant_s
-        if late_s < 0.0:
-            time.sleep(-late_s)
-        elif frame > 0:
-            self.counts.overruns += 1
+        node = self._node
+        instant_s = self._await_instant(frame)
         if self._stop.is_set():
             return None
         for message in node.begin_frame(frame):
@@ -152,6 +145,22 @@ class RealTime(Pacing):
             self._send(node.encoder_message(delivery.data))
         answered_s = self._listen(instant_s)
         return node.end_frame(sent_s, answered_s)
+
+    def _await_instant(self, frame: int) -> float:
+        """Wait for the beginning of period `frame`; return its time of CLOCK_MONOTONIC in s."""
+        period_s = self._node.period_s
+        if frame == 0:
+            self._start_s = time.monotonic() + period_s
+        instant_s = self._start_s + frame * period_s
+        late_s = time.monotonic() - instant_s
+        if late_s < 0.0:
+            time.sleep(-late_s)
+        elif frame > 0:
+            self.counts.overruns += 1
+        return instant_s
+
+    def _begins_next_period(self, _message: can.Message) -> bool:
+        return False  # the grid does, no frame
 
     def _listen(self, instant_s: float) -> float:
         node, period_s = self._node, self._node.period_s
@@ -171,6 +180,8 @@ class RealTime(Pacing):
                 if now_s >= end_s:
                     return answered_s
                 continue
+            if self._begins_next_period(message):
+                return answered_s
             if node.receive(message, min(max(now_s - instant_s, 0.0), period_s)):
                 answered_s = now_s if math.isnan(answered_s) else answered_s
             if now_s >= instant_s + period_s:
@@ -189,6 +200,36 @@ class RealTime(Pacing):
             self.counts.receive_errors += 1
             time.sleep(_BUS_PAUSE_S)
             return None
+
+
+class SyncPaced(RealTime):
+    """An encoder that samples when the daemon's Sync frame arrives (control.trigger = "sync").
+
+    Before the daemon sends one, nothing happens. The plant advances T per Sync, however far apart
+    they arrive.
+    """
+
+    def __init__(
+        self, bus: can.BusABC, node: JointNode, stop: threading.Event, sync_id: tuple[int, bool]
+    ) -> None:
+        """`sync_id` is the identifier and whether it has 29 bits."""
+        super().__init__(bus, node, stop)
+        self._sync_id = sync_id
+        self._sync_waits = False  # came while the period before was not over
+
+    def _await_instant(self, _frame: int) -> float:
+        while not self._sync_waits and not self._stop.is_set():
+            message = self._receive(_WAIT_SLICE_S)
+            if message is not None and not self._begins_next_period(message):
+                self._node.receive(message, 0.0)  # late for the period before, in time for this one
+        self._sync_waits = False
+        return time.monotonic()
+
+    def _begins_next_period(self, message: can.Message) -> bool:
+        if (message.arbitration_id, message.is_extended_id) != self._sync_id:
+            return False
+        self._sync_waits = True
+        return True
 
 
 def _reason(error: Exception) -> str:

@@ -338,3 +338,24 @@ def test_stock_python_can_tools_hear_the_bus(multicast_url: str) -> None:
 
 def test_rig_by_folder_and_by_file_is_the_same(reference_rig: Rig) -> None:
     assert load_rig(RIG / "rig.toml").inputs_sha256 == reference_rig.inputs_sha256
+
+
+def test_sync_trigger_gives_one_encoder_frame_per_sync(url: str, daemon: PretendDaemon) -> None:
+    process = start(url, "--frames", "20", "--set", "control.trigger=sync")
+    assert process.stdout is not None
+    assert "paced by Sync" in process.stdout.readline()
+    assert daemon.hear(0.3) is None  # nobody asked
+    sync = daemon.frames.sync
+    assert sync is not None
+    for number in range(20):
+        data = sync.encode({"counter": number})
+        daemon.bus.send(can.Message(arbitration_id=0x80, is_extended_id=False, data=data))
+        while len(daemon.encoder_frames()) <= number:
+            message = daemon.hear()
+            assert message is not None, f"no answer to Sync {number}"
+            if message.arbitration_id == ENCODER:
+                daemon.answer(bytes(message.data))
+        assert len(daemon.encoder_frames()) == number + 1
+    out, _ = finish(process)
+    assert "20 frames" in out
+    assert "20 commands accepted" in out
