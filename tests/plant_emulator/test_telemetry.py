@@ -3,13 +3,12 @@
 import socket
 from typing import Any
 
+import eampc_lcm
 import lcm
 import pytest
 
 from plant_emulator.telemetry import CHANNEL, Telemetry
 from plant_emulator.truth_log import COLUMNS
-
-eampc_lcm = pytest.importorskip("eampc_lcm")
 
 ROW = tuple(float(index) for index in range(len(COLUMNS)))
 
