@@ -3,8 +3,8 @@
 from functools import cache
 from pathlib import Path
 
-from eampc.design import design
 from eampc.law import Law
+from eampc.law_design import design
 from eampc_rig import Rig, load_rig
 
 RIGS = Path(__file__).parents[2] / "rigs"

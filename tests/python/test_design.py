@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from eampc import _core, simulate
-from eampc.design import design
 from eampc.errors import DesignError
+from eampc.law_design import design
 from eampc_rig import load_rig
 from ready_rigs import READY, RIGS, law_of, rig_of
 

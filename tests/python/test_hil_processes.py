@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 import pytest
+from eampc.errors import RunFailed, UserError
 from eampc.hil.processes import Ensemble, Process
-from eampc.user_error import RunFailed, UserError
 
 READY = """
 import os, sys, time

@@ -7,9 +7,9 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from eampc.design import design
 from eampc.errors import LawFileError
 from eampc.law import Law, load_law
+from eampc.law_design import design
 from eampc.law_file import decode_law, encode_law
 from ready_rigs import law_of, rig_of
 

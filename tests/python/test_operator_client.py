@@ -10,9 +10,9 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
+from eampc.errors import RunFailed, UserError
 from eampc.operator_client import OperatorClient, Refused, default_socket_path
 from eampc.reference_table import ReferenceTable
-from eampc.user_error import RunFailed, UserError
 
 
 class PlayedDaemon:

@@ -8,8 +8,8 @@ from pathlib import Path
 import lcm
 import numpy as np
 import pytest
+from eampc.errors import UserError
 from eampc.telemetry_log import loop_data, read_telemetry_log
-from eampc.user_error import UserError
 from eampc_lcm import health_t, plant_t, state_t
 from matplotlib.image import imread
 

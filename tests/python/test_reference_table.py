@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from eampc.errors import UserError
 from eampc.reference_table import LARGEST_ROW_COUNT, ReferenceTable, load_reference_table
-from eampc.user_error import UserError
 
 T = 0.005
 

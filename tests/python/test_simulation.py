@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from eampc import _core
-from eampc.design import design
+from eampc.errors import UserError
 from eampc.law import Law
+from eampc.law_design import design
 from eampc.simulation import ARM_AT_CYCLE, simulate
-from eampc.user_error import UserError
 from eampc_rig.frames import resolve_frames
 from eampc_rig.rig_file import Rig, load_rig
 

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from eampc_rig import Rig, RigError, load_rig
 
-    from eampc.design import design
     from eampc.errors import DesignError, LawFileError
     from eampc.law import Law, load_law
+    from eampc.law_design import design
     from eampc.simulation import simulate
 
 __all__ = [
@@ -44,7 +44,7 @@ _HOMES = {
     "LawFileError": "eampc.errors",
     "Rig": "eampc_rig",
     "RigError": "eampc_rig",
-    "design": "eampc.design",
+    "design": "eampc.law_design",
     "load_law": "eampc.law",
     "load_rig": "eampc_rig",
     "simulate": "eampc.simulation",

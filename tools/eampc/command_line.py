@@ -8,6 +8,7 @@ import sys
 from typing import Annotated
 
 import typer
+
 from eampc import (
     commands_design,
     commands_emulate,
@@ -15,7 +16,7 @@ from eampc import (
     commands_operator,
     commands_telemetry,
 )
-from eampc.user_error import UserError
+from eampc.errors import UserError
 
 NOT_MET, BAD_INPUT, INTERRUPTED = 1, 2, 130
 

@@ -36,8 +36,8 @@ def design(
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from eampc.design import design as design_law
     from eampc.errors import DesignError
+    from eampc.law_design import design as design_law
     from eampc.law_report import law_summary, summary_table
 
     loaded = load_rig(rig, variant, dict(parse_override(change) for change in changes or []))

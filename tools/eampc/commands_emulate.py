@@ -4,6 +4,7 @@ import os
 import sys
 
 import typer
+
 from eampc.hil.processes import emulator_command
 
 

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from eampc.user_error import UserError
+from eampc.errors import UserError
 
 if TYPE_CHECKING:
     from eampc_rig import Rig
@@ -179,7 +179,7 @@ def _run(
     from eampc.hil.processes import daemon_program, ended_by_signal
     from eampc.hil.report import Circumstances, left_bounds, terminal_table, unmet, write_report
     from eampc.hil.report_folder import make_folder
-    from eampc.hil.run import RunSettings, run_scenario
+    from eampc.hil.scenario_run import RunSettings, run_scenario
 
     overrides = dict(parse_override(change) for change in changes)
     loaded = load_rig(rig_path, variant, overrides)
@@ -251,7 +251,7 @@ def _run(
 
 def _design(rig: "Rig", path: Path) -> None:
     """Designs the rig's law into `path` under a progress bar."""
-    from eampc.design import design
+    from eampc.law_design import design
 
     with _progress() as progress:
         task = progress.add_task("law", total=None)

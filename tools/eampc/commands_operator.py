@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from eampc.operator_client import OperatorClient
-from eampc.reference_table import load_reference_table
 from rich.console import Console
 from rich.table import Table
+
+from eampc.operator_client import OperatorClient
+from eampc.reference_table import load_reference_table
 
 SocketOption = Annotated[
     Path | None,

@@ -15,8 +15,8 @@ from typing import Any, Self
 import msgpack
 import numpy as np
 
+from eampc.errors import RunFailed, UserError
 from eampc.reference_table import ReferenceTable
-from eampc.user_error import RunFailed, UserError
 
 LENGTH = struct.Struct("<I")
 # The largest reply is a few hundred bytes; anything near this is not eampcd.

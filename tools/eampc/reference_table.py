@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eampc.user_error import UserError
+from eampc.errors import UserError
 
 REQUIRED = ("time_s", "angle_rad")
 OPTIONAL = ("velocity_rad_s", "acceleration_rad_s2")

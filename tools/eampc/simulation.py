@@ -15,9 +15,9 @@ from eampc_rig.rig_file import Rig
 from numpy.typing import NDArray
 
 from eampc import _core
+from eampc.errors import UserError
 from eampc.law import Law
 from eampc.reference_table import load_reference_table
-from eampc.user_error import UserError
 
 # As `eampc hil`: the operator arms in this cycle.
 ARM_AT_CYCLE = 20

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import lcm
 
-from eampc.user_error import UserError
+from eampc.errors import UserError
 
 JAR = "eampc_lcmtypes.jar"
 

@@ -11,8 +11,8 @@ import lcm
 import numpy as np
 from eampc_lcm import health_t, plant_t, state_t
 
+from eampc.errors import UserError
 from eampc.hil.figures import LoopData
-from eampc.user_error import UserError
 
 TYPES = {"EAMPC_STATE": state_t, "EAMPC_PLANT": plant_t, "EAMPC_HEALTH": health_t}
 # Every log of ours starts with an event's sync word; a file that does not is something else.

@@ -10,7 +10,7 @@ from typing import Self
 import can
 from eampc_rig import open_bus
 
-from eampc.user_error import UserError
+from eampc.errors import UserError
 
 POLL_S = 0.1
 SO_RCVBUFFORCE = 33  # socket(7); Python has no name for it

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from eampc_rig import Rig
 
+from eampc.errors import UserError
 from eampc.law_file import read_law
-from eampc.user_error import UserError
 
 
 def checked_law(path: Path, rig: Rig) -> Path:
@@ -53,7 +53,7 @@ def design_identity() -> str:
     """Of the program that designs: another build must not be given the laws of this one."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for file in sorted([*package.glob("_core*.so"), package / "design.py"]):
+    for file in sorted([*package.glob("_core*.so"), package / "law_design.py"]):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:8]
 

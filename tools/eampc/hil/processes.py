@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from eampc.user_error import RunFailed, UserError
+from eampc.errors import RunFailed, UserError
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
 # Orderly ends take a soft-stop ramp (0.5 s on the reference rig) at most; a slow machine gets ten

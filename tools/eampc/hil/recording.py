@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eampc.user_error import RunFailed
+from eampc.errors import RunFailed
 
 TRUTH_COLUMNS = [
     "frame",

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from eampc.hil.assessment import Judged, scenario_rows
 from eampc.hil.figures import LoopData, write_figures
-from eampc.hil.run import ScenarioRun
+from eampc.hil.scenario_run import ScenarioRun
 
 MRAD = 1e3
 

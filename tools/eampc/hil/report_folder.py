@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from eampc.user_error import UserError
+from eampc.errors import UserError
 
 
 def make_folder(path: Path) -> Path:

@@ -17,6 +17,7 @@ from typing import Any
 
 from eampc_rig import Rig
 
+from eampc.errors import RunFailed
 from eampc.hil.assessment import Assessment, assess
 from eampc.hil.processes import (
     Ensemble,
@@ -28,7 +29,6 @@ from eampc.hil.processes import (
 from eampc.hil.recording import RECORD_COLUMNS, TRUTH_COLUMNS, Recording, read_recording
 from eampc.hil.scenario_reference import reference_angle, send_reference
 from eampc.operator_client import OperatorClient
-from eampc.user_error import RunFailed
 
 # Frames before arming: the estimator settles on the resting joint and the operator's commands are
 # in.
