@@ -2,6 +2,7 @@
 known.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,14 @@ def write(folder: Path, text: str) -> Path:
     path = folder / "trajectory.csv"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def test_the_row_limit_is_the_daemon_s() -> None:
+    """A larger table than the daemon's was sent, and the connection broke without a sentence."""
+    header = Path(__file__).parents[2] / "daemon" / "service" / "operator_request.hpp"
+    found = re.search(r"kMaxTableRows = ([0-9']+);", header.read_text(encoding="utf-8"))
+    assert found is not None
+    assert int(found[1].replace("'", "")) == LARGEST_ROW_COUNT
 
 
 def test_rows_on_the_grid_are_kept(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from eampc.errors import UserError
 
 REQUIRED = ("time_s", "angle_rad")
 OPTIONAL = ("velocity_rad_s", "acceleration_rad_s2")
-# eampcd takes no more: it keeps the table in locked memory. At 200 Hz this is a quarter of an hour.
-LARGEST_ROW_COUNT = 200_000
+# eampcd takes no more (kMaxTableRows): it keeps the table in locked memory. 300 s at 200 Hz.
+LARGEST_ROW_COUNT = 60_000
 
 Array = NDArray[np.float64]
 
