@@ -13,7 +13,6 @@ import typer
 from eampc_rig.bus_url import open_bus
 from eampc_rig.frames import resolve_frames
 from eampc_rig.overrides import parse_override
-from eampc_rig.problem_sentences import nearest
 from eampc_rig.rig_error import RigError
 from eampc_rig.rig_file import Rig, load_rig
 from eampc_rig.scenario_sections import DisturbanceTerm
@@ -124,13 +123,7 @@ def _run(
 
 
 def _terms(rig: Rig, scenario: str | None) -> tuple[DisturbanceTerm, ...]:
-    if scenario is None:
-        return rig.emulator.disturbance
-    if scenario not in rig.scenarios:
-        found = nearest(scenario, rig.scenarios)
-        mend = f'did you mean "{found}"?' if found else f"it has {', '.join(rig.scenarios)}"
-        raise RigError(f'{rig.file}: there is no scenario "{scenario}"; {mend}')
-    return rig.scenarios[scenario].disturbance
+    return rig.emulator.disturbance if scenario is None else rig.scenario(scenario).disturbance
 
 
 def _telemetry(rig: Rig, url: str | None) -> Telemetry:

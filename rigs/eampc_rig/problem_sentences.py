@@ -69,11 +69,6 @@ def sentences(root: type[BaseModel], raw: dict[str, Any], error: ValidationError
     return unknown + values + [text for key, text in missing if key not in meant]
 
 
-def unknown_key(root: type[BaseModel], raw: dict[str, Any], path: tuple[Any, ...]) -> str:
-    """Return the sentence for a key that the schema does not know."""
-    return _unknown_key(root, raw, path)[0]
-
-
 def _unknown_key(
     root: type[BaseModel], raw: dict[str, Any], path: tuple[Any, ...]
 ) -> tuple[str, str | None]:

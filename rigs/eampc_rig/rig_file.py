@@ -32,7 +32,7 @@ from eampc_rig.plant_sections import (
     RigSection,
     ValveSection,
 )
-from eampc_rig.problem_sentences import sentences
+from eampc_rig.problem_sentences import nearest, sentences
 from eampc_rig.rig_error import RigError
 from eampc_rig.scenario_sections import Scenario
 
@@ -106,6 +106,15 @@ class Rig(Section):
     def emulated_muscle(self) -> MuscleSection:
         """The muscles of the emulated plant: (3), or its tangent with emulator.linear_muscles."""
         return self.muscle.linearised() if self.emulator.linear_muscles else self.muscle
+
+    def scenario(self, name: str) -> Scenario:
+        """The scenario called `name`; raises RigError if the file has none of that name."""
+        if name not in self.scenarios:
+            found = nearest(name, self.scenarios)
+            there = ", ".join(self.scenarios) or "none"
+            mend = f'did you mean "{found}"?' if found else f"it has {there}"
+            raise RigError(f'{self.file}: there is no scenario "{name}"; {mend}')
+        return self.scenarios[name]
 
     @property
     def inputs_sha256(self) -> str:
