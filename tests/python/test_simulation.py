@@ -2,16 +2,19 @@
 Python around the bound control cycle. And the bound law against numpy's own walk through the tree.
 """
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from eampc import _core
-from eampc.errors import UserError
+from eampc.errors import LawFileError, UserError
 from eampc.law import Law
 from eampc.law_design import design
 from eampc.simulation import ARM_AT_CYCLE, simulate
 from eampc_rig.frames import resolve_frames
+from eampc_rig.rig_error import RigError
 from eampc_rig.rig_file import Rig, load_rig
 
 from plant_emulator.encoder import Encoder
@@ -39,7 +42,7 @@ def run_with_emulator(rig: Rig, law: Law, cycles: int) -> dict[str, np.ndarray]:
     run = rig.scenarios["step"]
     period_s = rig.control.period_s
     lead = ARM_AT_CYCLE + round(rig.safety.arming_ramp_s / period_s)
-    plant = Plant(rig, [*rig.emulator.disturbance, *run.disturbance], lead)
+    plant = Plant(rig, run.disturbance, lead)
     encoder = Encoder.from_rig(rig, frames)
     cycle = _core.ControlCycle(_core.law_from_bytes(law.to_bytes()))
     cycle.set_reference(**run.reference.model_dump())
@@ -92,12 +95,26 @@ def test_meets_the_figure_of_the_prototype(rig: Rig, law: Law) -> None:
     assert simulate(rig, law, "step").final_error_rad() == pytest.approx(0.028, abs=0.0005)
 
 
+def walk_with_numpy(law: Law, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(u, piece): normal·p ≤ offset leads to the first child; a child < 0 is the piece ~child."""
+    tree = law.payload["law"]["tree"]
+    at = np.full(len(points), tree["root"])
+    for _ in range(tree["depth"]):
+        inner = np.flatnonzero(at >= 0)
+        plane = tree["hyperplanes"][tree["split"][at[inner]]]
+        above = (plane[:, :-1] * points[inner]).sum(axis=1) > plane[:, -1]
+        at[inner] = tree["children"][at[inner], above.astype(int)]
+    gain, offset = law.pieces
+    u = (gain[~at] * points).sum(axis=1) + offset[~at]
+    return np.clip(u, *law.control_range), ~at
+
+
 def test_bound_law_agrees_with_numpy(law: Law) -> None:
     generator = np.random.default_rng(11)
     span = law.upper - law.lower
     points = law.lower - 0.2 * span + 1.4 * span * generator.random((20_000, len(span)))
     u, region, clamped = _core.law_from_bytes(law.to_bytes()).evaluate(points)
-    expected, expected_region = law.evaluate(points, regions=True)
+    expected, expected_region = walk_with_numpy(law, np.clip(points, law.lower, law.upper))
     np.testing.assert_allclose(u, expected, rtol=0.0, atol=1e-9)
     # On a facet the two sums may round to different sides; the value is the same there.
     assert (region != expected_region).mean() < 1e-3
@@ -106,14 +123,49 @@ def test_bound_law_agrees_with_numpy(law: Law) -> None:
 
 
 def test_bad_input_is_one_sentence(rig: Rig, law: Law, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="no scenario jump"):
+    with pytest.raises(RigError, match='no scenario "jump"'):
         simulate(rig, law, "jump")
+    other = load_rig(RIG.parent / "paper-case2")
+    with pytest.raises(UserError, match="for the rig paper-case1, not paper-case2"):
+        simulate(other, law, "step")
+    with pytest.raises(TypeError, match="load_rig"):
+        simulate(str(RIG), law, "step")
     rough = load_rig(RIG, overrides={"emulator.coulomb_friction_N_m": 0.001})
     with pytest.raises(UserError, match="coulomb_friction"):
         simulate(rough, law, "step")
     cut = tmp_path / "cut.law"
     cut.write_bytes(law.to_bytes()[:-10])
-    with pytest.raises(_core.LawFileError, match="truncated"):
+    with pytest.raises(LawFileError, match="cut short"):
         simulate(rig, str(cut), "step")
     with pytest.raises(ValueError, match="columns"):
         _core.law_from_bytes(law.to_bytes()).evaluate(np.zeros((3, 2)))
+
+
+def test_the_scenario_replaces_the_emulators_disturbance(law: Law) -> None:
+    """As in the emulator, where the rig's own disturbance only acts without a scenario."""
+    shaken = load_rig(
+        RIG, overrides={"emulator.disturbance": [{"kind": "constant", "amplitude_rad_s2": 5.0}]}
+    )
+    plain = simulate(load_rig(RIG), law, "step")
+    same = simulate(shaken, law, "step")
+    np.testing.assert_array_equal(same.true_angle_rad, plain.true_angle_rad)
+
+
+def test_importing_a_module_does_not_hide_a_function() -> None:
+    """`import eampc.design` once put a module in the place of eampc.design."""
+    code = (
+        "import pkgutil, eampc\n"
+        "modules = {m.name for m in pkgutil.iter_modules(eampc.__path__)}\n"
+        "assert not modules & set(eampc.__all__), modules & set(eampc.__all__)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_evaluate_takes_one_point_or_rows_of_points(law: Law) -> None:
+    names = law.parameter_names
+    rows = law.evaluate(np.zeros((3, len(names))))
+    assert rows.shape == (3,)
+    assert law.evaluate(np.zeros(len(names))) == rows[0]
+    for shape in ((2,), (1, 2), (), (1, 1, len(names))):
+        with pytest.raises(ValueError, match=names[0]):
+            law.evaluate(np.zeros(shape))

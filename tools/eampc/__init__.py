@@ -1,15 +1,17 @@
 """Explicit adaptive MPC of a pneumatic-muscle joint.
 
-    from eampc import design, load_rig, simulate
+    import eampc
 
-    rig = load_rig("rigs/reference")
-    law = design(rig)
-    run = simulate(rig, law, "step")
+    rig = eampc.load_rig("rigs/reference")
+    law = eampc.design(rig)
+    u = law.evaluate([[0.1, 0.0, 0.0, 0.0, 0.2, 0.0]])
+    run = eampc.simulate(rig, law, "step")
     law.save("rig.law")
 
 `load_rig(path, variant=None, overrides=None)` reads a rig; `design(rig)` makes its law;
 `load_law(path)` reads one; `simulate(rig, law, scenario)` runs the daemon's control code against
-the simulated joint. Errors a user can mend are RigError, DesignError and LawFileError.
+the simulated joint. Errors that a user can mend, one sentence each, are RigError, and UserError
+with its kinds DesignError and LawFileError.
 """
 
 from __future__ import annotations
@@ -20,10 +22,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from eampc_rig import Rig, RigError, load_rig
 
-    from eampc.errors import DesignError, LawFileError
+    from eampc.errors import DesignError, LawFileError, UserError
     from eampc.law import Law, load_law
     from eampc.law_design import design
-    from eampc.simulation import simulate
+    from eampc.simulation import SimulationResult, simulate
 
 __all__ = [
     "DesignError",
@@ -31,6 +33,8 @@ __all__ = [
     "LawFileError",
     "Rig",
     "RigError",
+    "SimulationResult",
+    "UserError",
     "design",
     "load_law",
     "load_rig",
@@ -44,6 +48,8 @@ _HOMES = {
     "LawFileError": "eampc.errors",
     "Rig": "eampc_rig",
     "RigError": "eampc_rig",
+    "SimulationResult": "eampc.simulation",
+    "UserError": "eampc.errors",
     "design": "eampc.law_design",
     "load_law": "eampc.law",
     "load_rig": "eampc_rig",
@@ -57,3 +63,7 @@ def __getattr__(name: str) -> Any:
     value = getattr(importlib.import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

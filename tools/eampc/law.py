@@ -18,19 +18,22 @@ Array = NDArray[np.float64]
 class Problem(NamedTuple):
     """min over U of UᵀHU/2 + (F p + f)ᵀU subject to G U ≤ w + S p, for lower ≤ p ≤ upper.
 
-    The control is output_U·U + output_p·p + output_offset, clipped to u_min..u_max of the law.
+    The control is output_U·U + output_p·p + output_offset, clipped to `Law.control_range`. U are
+    the n free moves in units of the control u (formulation tracking: their deviations from u_ss),
+    and with soft state bounds the slack, a ratio; p are the n_p parameters of
+    `Law.parameter_names` in `Law.parameter_units`; there are m rows.
     """
 
-    H: Array
-    F: Array
-    f: Array
-    G: Array
-    w: Array
-    S: Array
-    lower: Array
-    upper: Array
-    output_U: Array
-    output_p: Array
+    H: Array  # (n, n)
+    F: Array  # (n, n_p)
+    f: Array  # (n,)
+    G: Array  # (m, n)
+    w: Array  # (m,)
+    S: Array  # (m, n_p)
+    lower: Array  # (n_p,)
+    upper: Array  # (n_p,)
+    output_U: Array  # (n,)
+    output_p: Array  # (n_p,)
     output_offset: float
 
 
@@ -54,17 +57,22 @@ class Law:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the entries of p, in order."""
+        """Names of the n_p entries of p, in order."""
         return tuple(self.payload["law"]["parameter_names"])
 
     @property
+    def parameter_units(self) -> tuple[str, ...]:
+        """Units of the entries of p, as "rad/s"; "u" is the unit of the control."""
+        return tuple(self.payload["law"]["parameter_units"])
+
+    @property
     def lower(self) -> Array:
-        """Lower corner of the parameter box."""
+        """Lower corner of the parameter box, (n_p,)."""
         return self.payload["law"]["lower"]
 
     @property
     def upper(self) -> Array:
-        """Upper corner of the parameter box."""
+        """Upper corner of the parameter box, (n_p,)."""
         return self.payload["law"]["upper"]
 
     @property
@@ -84,7 +92,7 @@ class Law:
 
     @property
     def pieces(self) -> tuple[Array, Array]:
-        """(gain, offset) of the distinct affine pieces: u = gain·p + offset."""
+        """(gain, offset) of the k affine pieces, (k, n_p) and (k,): u = gain·p + offset."""
         tree = self.payload["law"]["tree"]
         return tree["piece_gain"], tree["piece_offset"]
 
@@ -97,15 +105,19 @@ class Law:
     def evaluate(
         self, p: ArrayLike, *, regions: bool = False
     ) -> Array | tuple[Array, NDArray[np.int32]]:
-        """Control for one parameter vector (np,) or for many (k, np), by the daemon's own code.
+        """Control u by the daemon's own code: p of shape (n, n_p) → (n,), or (n_p,) → a number.
 
-        p is clamped onto the box, u is clipped to its range. With `regions` also the index of the
-        affine piece that applied.
+        p is in `parameter_units` and clamped onto the box; u, in units of the control, is clipped
+        to `control_range`. NaN in p gives NaN. With `regions` also the index of the affine piece
+        that applied, of the same shape. Raises ValueError for any other shape.
         """
-        points = np.ascontiguousarray(p, dtype=np.float64)
+        points = np.asarray(p, dtype=np.float64)
         names = self.parameter_names
         if points.ndim not in (1, 2) or points.shape[-1] != len(names):
-            raise ValueError(f"p needs {len(names)} entries: {', '.join(names)}")
+            raise ValueError(
+                f"p has the shape {points.shape}, but must be (n, {len(names)}) or "
+                f"({len(names)},): {', '.join(names)}"
+            )
         u, piece, _clamped = self.checked.evaluate(np.atleast_2d(points))
         if points.ndim == 1:
             u, piece = u[0], piece[0]

@@ -63,15 +63,24 @@ class Parameter(NamedTuple):
 
 
 def design(rig: Rig, progress: Progress | None = None) -> Law:
-    """Design the explicit law of a rig.
+    """Design the explicit law of a rig that `load_rig` read; the reference rig takes some 20 s.
 
     Raises DesignError, one sentence that says what stands in the way and what to change.
     """
+    require_rig(rig)
     started = time.perf_counter()
     try:
         return _design(rig, progress or (lambda *_: None), started)
     except (_core.DesignError, _NoLawError) as error:
         raise DesignError(f"{rig.file}: {error}") from None
+
+
+def require_rig(rig: object) -> None:
+    """TypeError for anything but a rig: a path, say, that was not given to load_rig."""
+    from eampc_rig import Rig
+
+    if not isinstance(rig, Rig):
+        raise TypeError(f"rig must be what load_rig returned, not {type(rig).__name__}")
 
 
 class _NoLawError(Exception):

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from eampc import _core
 from eampc.errors import UserError
-from eampc.law import Law
+from eampc.law import Law, load_law
+from eampc.law_design import require_rig
 from eampc.reference_table import load_reference_table
 
 # As `eampc hil`: the operator arms in this cycle.
@@ -84,24 +85,24 @@ def simulate(
 ) -> SimulationResult:
     """Run scenario `scenario` of `rig` with `law` (a designed law, or the path of a law file).
 
-    Raises UserError for an unknown scenario or for an emulated effect that this plant has not,
-    LawFileError for a law file that cannot be used.
+    The law may come from other values of the same rig, to see what a model error does: plant and
+    scenario are of `rig`, everything that the daemon knows is of the law.
+
+    Raises RigError for an unknown scenario, UserError for the law of another rig or for an emulated
+    effect that this plant has not, LawFileError for a law file that cannot be used.
     """
+    require_rig(rig)
+    if not isinstance(law, Law):
+        law = load_law(law)
     _refuse_what_is_not_simulated(rig)
-    if scenario not in rig.scenarios:
-        names = ", ".join(rig.scenarios) or "none"
-        raise UserError(f"{rig.file}: there is no scenario {scenario}; there are: {names}")
-    run = rig.scenarios[scenario]
-    bound = (
-        _core.law_from_bytes(law.to_bytes(), "law")
-        if isinstance(law, Law)
-        else _core.load_law(str(law))
-    )
-    terms = [*rig.emulator.disturbance, *run.disturbance]
+    run = rig.scenario(scenario)
+    designed_for = law.payload["rig"]["name"]
+    if designed_for != rig.rig.name:
+        raise UserError(f"{law!r} was designed for the rig {designed_for}, not {rig.rig.name}")
     columns = _core.simulate(
-        bound,
+        law.checked,
         plant=_plant(rig),
-        disturbance=[term.model_dump() for term in terms],
+        disturbance=[term.model_dump() for term in run.disturbance],
         duration_s=run.duration_s,
         arm_at_cycle=arm_at_cycle,
         **_reference(rig, scenario),
