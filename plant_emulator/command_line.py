@@ -32,31 +32,44 @@ PROGRAM = "plant_emulator"
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 
-@app.command(name=PROGRAM)
+@app.command(
+    name=PROGRAM,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Example: eampc emulate rigs/reference --bus udp_multicast:239.74.163.2:43113",
+)
 def emulate(
-    rig: Annotated[str, typer.Argument(metavar="RIG", help="Folder of the rig, or its rig.toml.")],
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="Rig folder, or its rig.toml.")],
     bus: Annotated[
         str, typer.Option(metavar="URL", help="socketcan:vcan0 or udp_multicast:GROUP:PORT.")
     ],
-    variant: Annotated[str | None, typer.Option(help="Variant of the rig file.")] = None,
+    variant: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Variant of the rig file.")
+    ] = None,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override one key.")
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Change one key of the rig file; repeatable."
+        ),
     ] = None,
     scenario: Annotated[
-        str | None, typer.Option(help="Scenario whose disturbance acts; none: emulator.disturbance")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Scenario whose disturbance acts. Default: emulator.disturbance acts.",
+        ),
     ] = None,
     lockstep: Annotated[
         bool, typer.Option("--lockstep", help="Step once per answer instead of in real time.")
     ] = False,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="Stop after this many encoder frames.")
+        int | None, typer.Option(min=1, metavar="N", help="Stop after this many encoder frames.")
     ] = None,
     lead_frames: Annotated[
-        int, typer.Option(min=0, help="Encoder frames before scenario time zero.")
+        int, typer.Option(min=0, metavar="N", help="Encoder frames before scenario time zero.")
     ] = 0,
     lcm_url: Annotated[
         str | None,
-        typer.Option(metavar="URL", help='LCM of EAMPC_PLANT; "none" = off; default: rig file.'),
+        typer.Option(metavar="URL|none", help="LCM of EAMPC_PLANT. Default: the rig file's."),
     ] = None,
     log: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Truth per frame, .csv or .npz.")

@@ -64,9 +64,8 @@ def test_help_of_every_command(eampc: Eampc, command: list[str]) -> None:
     done = eampc(*command, "--help")
     assert done.returncode == 0, done.stderr
     assert "Usage:" in done.stdout
-    if command != ["emulate"]:  # that help is the emulator's own
-        example = "Example: eampc " + " ".join(command)
-        assert example in " ".join(done.stdout.split())
+    example = "Example: eampc " + " ".join(command)
+    assert example in " ".join(done.stdout.split())
     assert "\x1b" not in done.stdout
 
 
@@ -74,6 +73,22 @@ def test_help_lists_the_commands(eampc: Eampc) -> None:
     text = eampc("--help").stdout
     for command in {words[0] for words in COMMANDS}:
         assert f"\n  {command} " in text
+    assert "..." not in text.partition("Commands:")[2], "a summary is too long for its line"
+
+
+@pytest.mark.parametrize("group", [[], ["law"], ["reference"]], ids=["eampc", "law", "reference"])
+def test_no_command_shows_the_help(eampc: Eampc, group: list[str]) -> None:
+    """It was once folded into one endless sentence."""
+    done = eampc(*group)
+    assert done.returncode == 2
+    assert done.stderr.startswith("Usage: eampc")
+    assert "\nCommands:\n" in done.stderr
+
+
+def test_operator_commands_start_without_numpy() -> None:
+    """`eampc disarm` must not wait for what it does not need."""
+    code = "import eampc.command_line, sys; sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 def test_version(eampc: Eampc) -> None:

@@ -49,15 +49,7 @@ def _options(
 ) -> None: ...
 
 
-law_app = typer.Typer(
-    help="Look into law files.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    epilog="Example: eampc law show rig.law",
-)
-app.command(epilog="Example: eampc design rigs/reference -o rig.law")(commands_design.design)
-law_app.command(epilog="Example: eampc law show rig.law")(commands_design.show)
-app.add_typer(law_app, name="law")
+commands_design.register(app)
 commands_hil.register(app)
 commands_emulate.register(app)
 commands_operator.register(app)
@@ -88,6 +80,9 @@ def run(arguments: list[str]) -> int:
         # Typer's usage errors have these two; where its classes live depends on its version.
         if not (hasattr(error, "format_message") and hasattr(error, "exit_code")):
             raise
+        if type(error).__name__ == "NoArgsIsHelpError":
+            print(error.format_message(), file=sys.stderr)
+            return BAD_INPUT
         return _tell(_usage_sentence(error), BAD_INPUT)
     return code if isinstance(code, int) else 0
 

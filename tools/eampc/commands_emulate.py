@@ -20,7 +20,10 @@ def register(app: typer.Typer) -> None:
 
 
 def emulate(context: typer.Context) -> None:
-    """Emulate a rig on a bus; the options are those of python -m plant_emulator."""
-    command = [*emulator_command(), *(context.args or ["--help"])]
+    """Stand in for a rig on a bus.
+
+    The options are those of python -m plant_emulator.
+    """
+    command = [*emulator_command(), *context.args]
     sys.stdout.flush()
     os.execv(command[0], command)

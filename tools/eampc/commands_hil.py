@@ -3,41 +3,22 @@ rig's tolerances.
 """
 
 import importlib.metadata
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from eampc.errors import UserError
+from eampc.rig_arguments import RigArgument, SetOption, VariantOption
 
 if TYPE_CHECKING:
     from eampc_rig import Rig
 
 DEFAULT_MULTICAST = "udp_multicast:239.74.163.2:43113"
-# A pipe has no width; the table of figures needs this much.
-PIPE_WIDTH = 130
 
-RigArgument = Annotated[
-    Path, typer.Argument(metavar="RIG", help="Rig folder, or its rig.toml.", show_default=True)
-]
 ScenarioOption = Annotated[
     str,
     typer.Option("--scenario", metavar="NAME|all", help="Scenario of the rig file, or all."),
-]
-VariantOption = Annotated[
-    str | None, typer.Option("--variant", metavar="NAME", help="Variant of the rig file.")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change one key of the rig file for this run; repeatable.",
-    ),
 ]
 SetEmulatorOption = Annotated[
     list[str] | None,
@@ -99,8 +80,9 @@ def hil(
     lcm_url: LcmOption = None,
     candump: CandumpOption = None,
 ) -> None:
-    """Run daemon and emulated rig together, write a report; exit 0 only if the rig's tolerances
-    hold.
+    """Run daemon and emulated rig, write a report.
+
+    Exit status 0 only if the rig's tolerances hold.
     """
     passed = _run(
         rig_path=rig,
@@ -135,7 +117,10 @@ def demo(
     ] = True,
     lcm_url: LcmOption = None,
 ) -> None:
-    """The whole loop on the best bus this machine has; says which, and why."""
+    """As hil, on the best bus this machine has.
+
+    Says which bus that is, and why.
+    """
     from eampc.hil.bus_choice import choose_bus
 
     choice = choose_bus(DEFAULT_MULTICAST)
@@ -172,7 +157,7 @@ def _run(
     candump: Path | None,
 ) -> bool:
     """True if every scenario met the rig's tolerances."""
-    from eampc_rig import load_rig, parse_bus_url, parse_override
+    from eampc_rig import load_rig, open_bus, parse_override
 
     from eampc.hil.bus_log import BusLog
     from eampc.hil.law_choice import cached_law, checked_law
@@ -180,21 +165,21 @@ def _run(
     from eampc.hil.report import Circumstances, left_bounds, terminal_table, unmet, write_report
     from eampc.hil.report_folder import make_folder
     from eampc.hil.scenario_run import RunSettings, run_scenario
+    from eampc.terminal import output_console, progress_bar
 
     overrides = dict(parse_override(change) for change in changes)
     loaded = load_rig(rig_path, variant, overrides)
     # The emulator would say the same of a bad key, but only after the daemon is up.
     load_rig(rig_path, variant, {**overrides, **dict(parse_override(c) for c in emulator_changes)})
     names = _scenario_names(loaded, scenario)
-    parse_bus_url(bus_url)
+    # All that may be wrong comes before the design, which may take half a minute.
     daemon_program()
-    console = _console()
-    law_path = (
-        checked_law(law, loaded) if law else cached_law(loaded, lambda path: _design(loaded, path))
-    )
+    law_path = checked_law(law, loaded) if law else None
+    open_bus(bus_url).shutdown()
     folder = make_folder(
         out or Path("reports") / "-".join(filter(None, (loaded.rig.name, variant)))
     )
+    law_path = law_path or cached_law(loaded, lambda path: _design(loaded, path))
     settings = RunSettings(
         rig_path=rig_path,
         variant=variant,
@@ -209,7 +194,7 @@ def _run(
     with ended_by_signal(), ExitStack() as stack:
         if candump:
             stack.enter_context(BusLog(bus_url, candump))
-        progress = stack.enter_context(_progress())
+        progress = stack.enter_context(progress_bar())
         for name in names:
             task = progress.add_task(name, total=1.0)
             runs.append(
@@ -239,6 +224,7 @@ def _run(
             folder,
         )
         progress.update(drawing, total=1.0, completed=1.0)
+    console = output_console()
     console.print(terminal_table(loaded, runs))
     for run in runs:
         for sentence in unmet(run):
@@ -250,16 +236,9 @@ def _run(
 
 
 def _design(rig: "Rig", path: Path) -> None:
-    """Designs the rig's law into `path` under a progress bar."""
-    from eampc.law_design import design
+    from eampc.commands_design import design_with_progress
 
-    with _progress() as progress:
-        task = progress.add_task("law", total=None)
-
-        def show(step: str, done: int, total: int) -> None:
-            progress.update(task, description=f"law: {step}", completed=done, total=total or None)
-
-        law = design(rig, progress=show)
+    law = design_with_progress(rig)
     law.save(path)
     typer.echo(f"law: designed {path} ({law.statistics['regions']} regions)")
 
@@ -267,24 +246,5 @@ def _design(rig: "Rig", path: Path) -> None:
 def _scenario_names(rig: "Rig", wanted: str) -> list[str]:
     if wanted == "all" and rig.scenarios:
         return list(rig.scenarios)
-    if wanted not in rig.scenarios:
-        there = ", ".join(rig.scenarios) or "none"
-        raise UserError(f"{rig.file}: there is no scenario {wanted!r}; it has {there}")
+    rig.scenario(wanted)
     return [wanted]
-
-
-def _console() -> Console:
-    terminal = sys.stdout.isatty()
-    return Console(highlight=False, soft_wrap=not terminal, width=None if terminal else PIPE_WIDTH)
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description:8}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )

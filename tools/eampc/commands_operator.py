@@ -1,15 +1,17 @@
 """Operator commands to a running daemon: arm, disarm, reset, status, reference."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from eampc.operator_client import OperatorClient
-from eampc.reference_table import load_reference_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 SocketOption = Annotated[
     Path | None,
@@ -56,19 +58,28 @@ def register(app: typer.Typer) -> None:
 
 
 def arm(socket: SocketOption = None, at_cycle: AtCycleOption = None) -> None:
-    """Arm: ramp both valves to their bias, then let the law move the joint."""
+    """Let the law move the joint.
+
+    Both valves ramp to their bias first (safety.arming_ramp_s).
+    """
     with OperatorClient(socket) as client:
         _tell(client.arm(at_cycle))
 
 
 def disarm(socket: SocketOption = None, at_cycle: AtCycleOption = None) -> None:
-    """Disarm: soft stop, then both valves at their safe voltage."""
+    """Soft stop, then safe voltage.
+
+    Both valves ramp to their bias, then to their safe voltage (safety.soft_stop_ramp_s each).
+    """
     with OperatorClient(socket) as client:
         _tell(client.disarm(at_cycle))
 
 
 def reset(socket: SocketOption = None) -> None:
-    """Acknowledge a latched fault; the daemon is DISARMED afterwards."""
+    """Acknowledge a latched fault.
+
+    The daemon is DISARMED afterwards.
+    """
     with OperatorClient(socket) as client:
         _tell(client.reset())
 
@@ -77,13 +88,15 @@ def status(
     socket: SocketOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the reply as JSON.")] = False,
 ) -> None:
-    """Show mode, fault, joint, valves and counters."""
+    """Show mode, fault, joint and counters."""
     with OperatorClient(socket) as client:
         reply = client.status()
     if as_json:
         typer.echo(json.dumps(reply, default=str))
         return
-    Console(highlight=False, soft_wrap=True).print(_status_table(reply))
+    from eampc.terminal import output_console
+
+    output_console().print(_status_table(reply))
 
 
 @reference_app.command(epilog="Example: eampc reference constant --amplitude-rad 0.3")
@@ -153,7 +166,12 @@ def from_csv(
     start_s: StartOption = None,
     socket: SocketOption = None,
 ) -> None:
-    """A trajectory from a CSV file; after its last row the last angle is held."""
+    """A trajectory from a CSV file.
+
+    After its last row the last angle is held.
+    """
+    from eampc.reference_table import load_reference_table
+
     table = load_reference_table(file, sample_period_s)
     with OperatorClient(socket) as client:
         table = table.delayed(_now_s(client) if start_s is None else start_s)
@@ -166,10 +184,12 @@ def _now_s(client: OperatorClient) -> float:
 
 
 def _tell(reply: dict[str, Any]) -> None:
-    typer.echo(f"{reply.get('mode', '?')}: {reply.get('message', 'done')}")
+    typer.echo(reply.get("message") or "done")
 
 
 def _status_table(reply: dict[str, Any]) -> Table:
+    from rich.table import Table
+
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim")
     table.add_column()
@@ -179,9 +199,16 @@ def _status_table(reply: dict[str, Any]) -> Table:
         ("fault", "fault", "{}"),
         ("cycle", "cycle", "{}"),
         ("scenario time, s", "scenario_time_s", "{:.3f}"),
+        ("reference, rad", "reference_angle_rad", "{:+.5f}"),
         ("angle, rad", "angle_rad", "{:+.5f}"),
+        ("velocity, rad/s", "velocity_rad_s", "{:+.4f}"),
+        ("disturbance, rad/s²", "disturbance_rad_s2", "{:+.3f}"),
         ("u1, V", "u1_V", "{:.3f}"),
         ("u2, V", "u2_V", "{:.3f}"),
+        ("answer p50, µs", "arrival_to_sent_p50_us", "{:.0f}"),
+        ("answer p99, µs", "arrival_to_sent_p99_us", "{:.0f}"),
+        ("answer max, µs", "arrival_to_sent_max_us", "{:.0f}"),
+        ("real time", "realtime_text", "{}"),
         ("law", "law_sha256", "{:.12}"),
     ):
         if key in reply:

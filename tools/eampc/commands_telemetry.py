@@ -23,7 +23,10 @@ def spy(
         typer.Option("--lcm-url", metavar="URL", help="Default: $LCM_DEFAULT_URL, else LCM's own."),
     ] = None,
 ) -> None:
-    """Watch the telemetry in lcm-spy; double-click a channel to see its values."""
+    """Watch the telemetry in lcm-spy.
+
+    Double-click a channel to see its values.
+    """
     from eampc.spy import spy_command
 
     command, environment = spy_command(lcm_url)
@@ -38,7 +41,10 @@ def plot(
         typer.Option("--out", metavar="DIR", help="Folder for the PNG files. Default: LOG.plots."),
     ] = None,
 ) -> None:
-    """Draw tracking, error, voltages, disturbance and timing of a recorded run as PNG files."""
+    """Draw a recorded run as PNG files.
+
+    Tracking, error, voltages, disturbance and timing.
+    """
     from eampc.hil.figures import write_figures
     from eampc.hil.report_folder import make_folder
     from eampc.telemetry_log import loop_data, read_telemetry_log

@@ -4,19 +4,22 @@ MessagePack maps.
 Who may open the socket (mode 0600) may move the joint; there is no other authentication.
 """
 
+from __future__ import annotations
+
 import os
 import socket
 import struct
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import msgpack
-import numpy as np
 
 from eampc.errors import RunFailed, UserError
-from eampc.reference_table import ReferenceTable
+
+if TYPE_CHECKING:  # `eampc disarm` must not wait for numpy
+    from eampc.reference_table import ReferenceTable
 
 LENGTH = struct.Struct("<I")
 # The largest reply is a few hundred bytes; anything near this is not eampcd.
@@ -153,12 +156,11 @@ class OperatorClient:
 
     def reference_table(self, table: ReferenceTable, at_cycle: int | None = None) -> dict[str, Any]:
         """The table's first row is scenario time 0."""
-        rows = np.ascontiguousarray(table.rows, dtype="<f8")
         return self.command(
             "reference",
             {
                 "kind": "table",
-                "table": rows.tobytes(),
+                "table": table.rows.astype("<f8").tobytes(),
                 "sample_period_s": float(table.sample_period_s),
                 **_at(at_cycle),
             },

@@ -177,7 +177,7 @@ def _against(value_rad: float, limit_rad: float | None) -> str:
 
 
 def terminal_table(rig: Rig, runs: Sequence[ScenarioRun]) -> Table:
-    table = Table(title=None, pad_edge=False)
+    table = Table()
     for number, heading in enumerate(HEADINGS):
         table.add_column(heading, justify="left" if number == 0 else "right", no_wrap=True)
     for run, row in zip(runs, _rows(rig, runs), strict=True):
