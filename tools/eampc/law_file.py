@@ -96,6 +96,8 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
     "bus": ("encoder", "valve_command", "sync", "valve_feedback"),
     "telemetry": ("lcm_url", "state_decimation", "reference_by_lcm"),
 }
+# kMaxParameters of the daemon: its nodes and pieces have this many coefficients.
+MOST_PARAMETERS = 8
 _TREE = ("root", "depth", "hyperplanes", "split", "children", "piece_gain", "piece_offset")
 
 
@@ -228,8 +230,8 @@ def _check(payload: Any) -> None:
                 raise _DefectError(f"{section}.{key} is missing")
     law = payload["law"]
     names = law["parameter_names"]
-    if not isinstance(names, list) or not 1 <= len(names) <= 8:
-        raise _DefectError("law.parameter_names must name 1 to 8 parameters")
+    if not isinstance(names, list) or not 1 <= len(names) <= MOST_PARAMETERS:
+        raise _DefectError(f"law.parameter_names must name 1 to {MOST_PARAMETERS} parameters")
     parameters = len(names)
     if len(law["parameter_units"]) != parameters:
         raise _DefectError("law.parameter_units must have one unit for each parameter")

@@ -32,7 +32,7 @@ def _nothing() -> Array:
 class LoopData:
     """Curves of one run; empty arrays where a source was not there. Times in s on one axis.
 
-    plant_*: the emulator's truth. cycle_*: the daemon's record. state_changes: (time, mode) marks.
+    plant_*: the emulator's truth. cycle_*: the daemon's record. mode_changes: (time, mode) marks.
     """
 
     title: str

@@ -37,10 +37,13 @@ REFERENCE_CYCLE, ARM_CYCLE = 10, 20
 REST_S = 0.1
 # Slowest lock-step seen: 500 cycles/s in user-mode Linux; a loaded machine gets ten times that.
 LOCKSTEP_LIMIT_S_PER_FRAME = 0.02
+# Beside the frames' own time, for the emulator's start and end. Chosen far too large: it only has
+# to end a run that hangs.
 START_LIMIT_S = 120.0
 # Below the daemon's default priority; the emulator plays hardware, which is never late.
 EMULATOR_PRIORITY = 20
-STATUS_INTERVAL_S = 0.3
+STATUS_INTERVAL_S = 0.3  # between two steps of the progress bar
+REPLY_LIMIT_S = 30.0  # chosen too large, as above: only a daemon that hangs takes so long
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def run_scenario(
             daemon = ensemble.start_daemon(
                 _daemon_command(settings, socket_folder / "s", record_path), folder / "eampcd.log"
             )
-            with OperatorClient(socket_folder / "s", timeout_s=30.0) as client:
+            with OperatorClient(socket_folder / "s", timeout_s=REPLY_LIMIT_S) as client:
                 send_reference(client, rig, scenario_name, REFERENCE_CYCLE)
                 client.arm(times.arm)
                 client.disarm(times.disarm)
