@@ -71,6 +71,9 @@ def test_curves_are_the_messages(log: Path) -> None:
     assert data.cycle_u1_V[0] == 6.0
     assert data.plant_disturbance_rad_s2[7] == 21.0
     assert data.mode_changes == [(pytest.approx(0.5), "ACTIVE")]
+    # A reference that nothing follows is no error of the joint.
+    assert np.isnan(data.cycle_reference_rad[:100]).all()
+    assert np.isfinite(data.cycle_reference_rad[100:]).all()
 
 
 def test_every_figure_is_drawn(eampc: Eampc, log: Path, tmp_path: Path) -> None:

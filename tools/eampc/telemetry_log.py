@@ -64,7 +64,7 @@ def _nothing_here(path: Path, others: Counter[str], undecodable: int) -> str:
 
 
 def loop_data(log: TelemetryLog) -> LoopData:
-    """Curves over seconds since the first message."""
+    """Curves over seconds since the first message; the reference only where the law followed it."""
     states, plants = log.messages["EAMPC_STATE"], log.messages["EAMPC_PLANT"]
     first_us = min(message.utime for message in [*states[:1], *plants[:1]])
 
@@ -76,11 +76,12 @@ def loop_data(log: TelemetryLog) -> LoopData:
 
     modes = [state.mode_text for state in states]
     time_s = seconds(states)
+    active = np.array([mode == "ACTIVE" for mode in modes], dtype=bool)
     return LoopData(
         title=log.path.name,
         time_label="time since the log began, s",
         cycle_time_s=time_s,
-        cycle_reference_rad=column(states, "reference_angle_rad"),
+        cycle_reference_rad=np.where(active, column(states, "reference_angle_rad"), np.nan),
         cycle_angle_rad=column(states, "angle_rad"),
         cycle_u1_V=column(states, "u1_V"),
         cycle_u2_V=column(states, "u2_V"),

@@ -31,6 +31,7 @@ def _nothing() -> Array:
 @dataclass(frozen=True)
 class LoopData:
     """Curves of one run; empty arrays where a source was not there. Times in s on one axis.
+    A reference is NaN where nothing follows it.
 
     plant_*: the emulator's truth. cycle_*: the daemon's record. mode_changes: (time, mode) marks.
     """
@@ -61,9 +62,10 @@ class LoopData:
 
 def write_figures(data: LoopData, folder: Path) -> list[Path]:
     """One PNG per subject that has data, in the order a reader wants them."""
+    references = np.concatenate([data.cycle_reference_rad, data.plant_reference_rad])
     subjects: list[tuple[str, bool, Callable[[Figure, LoopData], None]]] = [
         ("tracking", len(data.cycle_time_s) + len(data.plant_time_s) > 0, _tracking),
-        ("error", len(data.cycle_time_s) + len(data.plant_time_s) > 0, _error),
+        ("error", bool(np.any(np.isfinite(references))), _error),
         ("voltages", len(data.cycle_time_s) > 0, _voltages),
         ("disturbance", len(data.cycle_time_s) + len(data.plant_time_s) > 0, _disturbance),
         ("timing", bool(np.any(data.arrival_to_sent_us > 0.0)), _timing),
@@ -156,8 +158,6 @@ def _tracking(figure: Figure, data: LoopData) -> None:
 def _error(figure: Figure, data: LoopData) -> None:
     time_s, reference, angle = _measured(data)
     axes = _axes(figure, data, "error", r"$\theta-\theta_r$, mrad")
-    if len(reference) == 0:
-        return
     error_mrad = 1e3 * (angle - reference)
     axes.plot(time_s, error_mrad, color=BLUE, linewidth=1.2, label="error")
     axes.axhline(0.0, color="black", linewidth=0.6)
