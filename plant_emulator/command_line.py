@@ -153,7 +153,7 @@ def _write(truth: TruthLog) -> None:
     try:
         truth.write()
     except OSError as error:
-        raise EmulatorError(f"the truth log cannot be written: {error}") from None
+        raise EmulatorError(f"the truth log cannot be written: {error.strerror or error}") from None
 
 
 def _summary(done: int, pacing: Pacing, valve_node: ValveNode) -> str:

@@ -34,7 +34,8 @@ class TruthLog:
     def __init__(self, path: Path | None) -> None:
         """Keep rows for `path`; None keeps nothing.
 
-        Raises RigError if the name ends in neither .csv nor .npz or its folder does not exist.
+        Raises RigError if the name ends in neither .csv nor .npz or the file cannot be made: a run
+        must not end with nowhere to write to.
         """
         self._path = path
         self._rows: list[TruthRow] = []
@@ -44,6 +45,10 @@ class TruthLog:
             raise RigError(f'--log "{path}": the name must end in .csv or .npz')
         if not path.absolute().parent.is_dir():
             raise RigError(f'--log "{path}": the folder {path.parent} does not exist')
+        try:
+            path.open("wb").close()
+        except OSError as error:
+            raise RigError(f'--log "{path}": cannot be written ({error.strerror})') from None
 
     def append(self, row: TruthRow) -> None:
         """Keep one row."""

@@ -30,6 +30,7 @@ URL = "udp_multicast:239.74.163.2:43999"
         ([RIG, "--bus", URL, "--fault", "dorp@1"], 'did you mean "drop"?'),
         ([RIG, "--bus", URL, "--log", "truth.txt"], "must end in .csv or .npz"),
         ([RIG, "--bus", URL, "--log", "/nowhere/truth.csv"], "the folder /nowhere does not exist"),
+        ([RIG, "--bus", URL, "--log", "/proc/truth.csv"], '--log "/proc/truth.csv": cannot be'),
         (["/nowhere", "--bus", URL], "/nowhere: there is no such file"),
         ([RIG, "--bus", URL, "--lcm-url", "udp://x"], "or give --lcm-url none"),
     ],
