@@ -2,9 +2,11 @@
 
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -240,3 +242,16 @@ def test_reader_that_stops_reading_is_no_error(eampc_environment: dict[str, str]
     ours.close()
     assert "Traceback" not in done.stderr
     assert os.strerror(32) not in done.stderr
+
+
+def test_ctrl_c_is_a_word_and_130(eampc_environment: dict[str, str], tmp_path: Path) -> None:
+    """A design without blocked moves takes minutes: there is time to interrupt it."""
+    command = [sys.executable, "-m", "eampc.command_line", "design", "rigs/reference"]
+    command += ["--set", "control.control_horizon=30", "-o", str(tmp_path / "never.law")]
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=eampc_environment, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, "eampc: interrupted\n")

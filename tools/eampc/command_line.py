@@ -66,6 +66,8 @@ def run(arguments: list[str]) -> int:
     try:
         code = app(arguments, prog_name="eampc", standalone_mode=False)
         sys.stdout.flush()
+        if code == INTERRUPTED:  # Typer makes an exit code of Ctrl-C
+            return _tell("interrupted", INTERRUPTED)
     except UserError as error:
         return _tell(error, error.exit_code)
     except (typer.Abort, KeyboardInterrupt):
