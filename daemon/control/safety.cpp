@@ -62,12 +62,14 @@ StopAction Safety::action_of(Fault fault) const noexcept {
 }
 
 void Safety::raise(Fault fault) noexcept {
-  if (fault_ != Fault::kNone) {
-    return;  // the first cause stands until reset
+  const StopAction action = action_of(fault);
+  if (fault_ == Fault::kNone) {
+    fault_ = fault;
+  } else if (action != StopAction::kImmediate) {
+    return;  // the first cause and its ramp stand until reset; only an immediate stop cuts in
   }
-  fault_ = fault;
   const bool already_stopping = mode_ == Mode::kSoftStop;
-  switch (action_of(fault)) {
+  switch (action) {
     case StopAction::kSaturate:
       if (!already_stopping) begin_stop(Phase::kHold);
       break;

@@ -282,6 +282,21 @@ TEST_F(SafetyTest, TwoRefusedFramesInARowStopAtOnce) {
   EXPECT_EQ(u1(), 0.0);
 }
 
+// The ramp of another fault must not go on once the bus refuses frames: what gets through again
+// would raise the pressure in a node that has vented.
+TEST_F(SafetyTest, ARefusingBusEndsTheSoftStopOfAnotherFault) {
+  go(Mode::kActive);
+  for (int i = 0; i < 4; ++i) cycle(kNone, SampleVerdict::kMissing);
+  ASSERT_EQ(safety_->state().mode, Mode::kSoftStop);
+  ASSERT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
+  cycle(kNone, SampleVerdict::kMissing, 0.0, true);
+  const SafetyState state = cycle(kNone, SampleVerdict::kMissing, 0.0, true);
+  EXPECT_EQ(state.mode, Mode::kFault);
+  EXPECT_EQ(state.fault, Fault::kEncoderTimeout);  // the first cause stands
+  EXPECT_EQ(u1(), 0.0);
+  EXPECT_FALSE(enabled());
+}
+
 TEST_F(SafetyTest, BoxAndSlewAreClampedAndReported) {
   joint_.config.valve.slew_max_V_per_s = 100.0;  // 0.5 V per period
   go(Mode::kActive);
