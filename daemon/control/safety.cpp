@@ -139,6 +139,7 @@ void Safety::obey(OperatorAction action) noexcept {
 
 SafetyState Safety::advance(const SafetyInput& input) noexcept {
   entered_active_ = false;
+  repeated_ = input.elapsed_periods == 0;
   if (input.verdict == SampleVerdict::kValid) {
     periods_without_sample_ = 0;
     invalid_frame_since_sample_ = false;
@@ -229,6 +230,9 @@ SafetyDecision Safety::decide(const StateEstimate& state, const DisturbanceEstim
       return decision;
   }
 
+  if (repeated_ && last_.enable) {
+    wanted = last_;  // no period passed: a second slew step in this one would double the rate
+  }
   const double slew_V = valve.slew_max_V_per_s * config_.model.period_s;
   const auto guard = [&](double& voltage_V, double last_V, VoltageWindow& window) noexcept {
     if (!std::isfinite(voltage_V)) {

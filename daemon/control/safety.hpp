@@ -75,6 +75,7 @@ class Safety {
   Mode mode_ = Mode::kInit;
   Fault fault_ = Fault::kNone;
   bool entered_active_ = false;
+  bool repeated_ = false;  // this cycle belongs to the period of the last one
   std::int64_t active_periods_ = 0;
   Phase phase_ = Phase::kToBias;
   std::int32_t ramp_period_ = 0;  // 1 in the first cycle of a ramp

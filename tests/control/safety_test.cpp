@@ -311,6 +311,19 @@ TEST_F(SafetyTest, BoxAndSlewAreClampedAndReported) {
   EXPECT_TRUE(decision_.limits & kLimitControlRange);
 }
 
+TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
+  joint_.config.valve.slew_max_V_per_s = 100.0;  // 0.5 V per period
+  go(Mode::kActive);
+  cycle(kNone, SampleVerdict::kValid, 4.0);
+  ASSERT_NEAR(u1(), 5.5, 1e-12);
+  safety_->advance({SampleVerdict::kDuplicate, kNone, false, 0});
+  LawOutput law;
+  law.u = 4.0;
+  decision_ = safety_->decide({}, {}, law);
+  EXPECT_NEAR(u1(), 5.5, 1e-12);
+  EXPECT_NEAR(u2(), 4.5, 1e-12);
+}
+
 TEST_F(SafetyTest, LimitsOfTheLawArePublished) {
   go(Mode::kActive);
   safety_->advance({SampleVerdict::kValid, kNone, false, 1});
