@@ -140,6 +140,10 @@ void Safety::obey(OperatorAction action) noexcept {
 SafetyState Safety::advance(const SafetyInput& input) noexcept {
   entered_active_ = false;
   repeated_ = input.elapsed_periods == 0;
+  // Frames that only the counter misses were a silence like any other.
+  const bool ends_a_silence =
+      input.verdict == SampleVerdict::kValid &&
+      periods_without_sample_ + input.elapsed_periods - 1 >= timeout_periods_;
   if (input.verdict == SampleVerdict::kValid) {
     periods_without_sample_ = 0;
     invalid_frame_since_sample_ = false;
@@ -167,6 +171,8 @@ SafetyState Safety::advance(const SafetyInput& input) noexcept {
       raise(Fault::kSendFailed);
     } else if (periods_without_sample_ >= timeout_periods_) {
       raise(invalid_frame_since_sample_ ? Fault::kEncoderInvalid : Fault::kEncoderTimeout);
+    } else if (ends_a_silence) {
+      raise(Fault::kEncoderTimeout);
     }
   }
   obey(input.action);

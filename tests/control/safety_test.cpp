@@ -243,6 +243,24 @@ TEST_F(SafetyTest, AValidFrameRestartsTheTimeOut) {
   }
 }
 
+// Where no empty period was reported (lock-step, a loop that slept), the counter is the only
+// witness.
+TEST_F(SafetyTest, ACounterGapAsLongAsTheTimeOutIsASilence) {
+  for (const int lost : {3, 4}) {
+    go(Mode::kActive);
+    safety_->advance({SampleVerdict::kValid, kNone, false, 1 + lost});
+    EXPECT_EQ(safety_->state().mode, lost < 4 ? Mode::kActive : Mode::kSoftStop);
+    EXPECT_EQ(safety_->state().fault, lost < 4 ? Fault::kNone : Fault::kEncoderTimeout);
+  }
+  go(Mode::kActive);
+  cycle(kNone, SampleVerdict::kMissing);
+  safety_->advance({SampleVerdict::kValid, kNone, false, 4});  // one empty period and three more
+  EXPECT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
+  go(Mode::kDisarmed);
+  safety_->advance({SampleVerdict::kValid, kNone, false, 15});
+  EXPECT_EQ(safety_->state().fault, Fault::kNone);
+}
+
 TEST_F(SafetyTest, SilenceWhileDisarmedIsNoFault) {
   go(Mode::kDisarmed);
   for (int i = 0; i < 100; ++i) {
