@@ -20,20 +20,26 @@ bool ControlCycle::at_rest() const noexcept {
   return now == Mode::kInit || now == Mode::kDisarmed || now == Mode::kFault;
 }
 
+// No further than a gap is believed: an encoder may be off for months.
+void ControlCycle::count_silent_period() noexcept {
+  constexpr auto kMost = static_cast<std::int32_t>(kLongestCounterGap);
+  periods_without_sample_ = std::min(periods_without_sample_ + 1, kMost);
+}
+
 std::int32_t ControlCycle::elapsed_periods(const EncoderSample& sample) noexcept {
   if (sample.verdict == SampleVerdict::kDuplicate) {
     // The bus may repeat a frame once, and no period passed; an encoder that repeats itself for
     // longer is frozen.
-    ++duplicates_in_row_;
-    if (duplicates_in_row_ == 1) {
+    if (!duplicate_before_) {
+      duplicate_before_ = true;
       return 0;
     }
-    ++periods_without_sample_;
+    count_silent_period();
     return 1;
   }
-  duplicates_in_row_ = 0;
+  duplicate_before_ = false;
   if (sample.verdict != SampleVerdict::kValid) {
-    ++periods_without_sample_;
+    count_silent_period();
     return 1;
   }
   // Frames that the counter misses and that no empty period was reported for.

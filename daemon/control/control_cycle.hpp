@@ -62,6 +62,7 @@ class ControlCycle {
   // Beyond any rolling counter of up to 8 bits; a wider one that jumps further has restarted.
   static constexpr std::uint32_t kLongestCounterGap = 255;
 
+  void count_silent_period() noexcept;
   std::int32_t elapsed_periods(const EncoderSample& sample) noexcept;
   bool read_reference(double time_s, Reference& reference) const noexcept;
 
@@ -80,7 +81,7 @@ class ControlCycle {
   double u_sent_ = 0.0;
   double u_on_valves_ = 0.0;
   std::int32_t periods_without_sample_ = 0;
-  std::int32_t duplicates_in_row_ = 0;
+  bool duplicate_before_ = false;  // the last frame was a repetition already
 };
 
 }  // namespace eampc::control

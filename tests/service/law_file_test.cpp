@@ -1,6 +1,8 @@
 #include "service/law_file.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <cstdio>
@@ -84,6 +86,19 @@ TEST(LawFile, AFileOnDisk) {
   }
 }
 
+TEST(LawFile, WhatIsNoRegularFileIsRefused) {
+  const std::string pipe = testing::TempDir() + "law_file_test.pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  const std::string large = testing::TempDir() + "law_file_test_large.law";
+  std::ofstream(large).close();
+  ASSERT_EQ(::truncate(large.c_str(), std::int64_t{1} << 40), 0);
+  for (const std::string& path : {testing::TempDir(), std::string("/dev/zero"), pipe, large}) {
+    EXPECT_THROW(LawFile::load(path), LawFileError) << path;
+  }
+  std::remove(pipe.c_str());
+  std::remove(large.c_str());
+}
+
 TEST(LawFile, TruncationSaysHowMuchIsThere) {
   auto bytes = law_bytes(synthetic_payload());
   const std::string whole = std::to_string(bytes.size());
@@ -135,6 +150,8 @@ TEST(LawFile, TableOfDefects) {
       {"rig lacks the key name", [](Tree& t) { t["rig"].erase("name"); }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 0.0; }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = "fast"; }},
+      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e-12; }},
+      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e6; }},
       {"timing.trigger", [](Tree& t) { t["timing"]["trigger"] = "clock"; }},
       {"model.order", [](Tree& t) { t["model"]["order"] = 4; }},
       {"model.order", [](Tree& t) { t["model"]["valve_time_constant_s"] = 0.03; }},
@@ -176,9 +193,7 @@ TEST(LawFile, TableOfDefects) {
          t["law"]["tree"]["children"] = array<std::int32_t>({1, 2}, {0, -1});
        }},
       {"law.tree.split",
-       [](Tree& t) {
-         t["law"]["tree"]["split"] = array<std::int32_t>({1}, {1});
-       }},
+       [](Tree& t) { t["law"]["tree"]["split"] = array<std::int32_t>({1}, {1}); }},
       {"law.tree.depth is 0", [](Tree& t) { t["law"]["tree"]["depth"] = 0; }},
       {"law.tree.root", [](Tree& t) { t["law"]["tree"]["root"] = 1; }},
       {"law.tree.piece_offset",
@@ -242,6 +257,8 @@ TEST(LawFile, TableOfDefects) {
        [](Tree& t) { t["bus"]["valve_command"]["signals"]["u1"] = signal(0, 12, true, 0.001); }},
       {"bus.valve_command.id is the encoder's own",
        [](Tree& t) { t["bus"]["valve_command"]["id"] = 0x181; }},
+      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x201; }},
+      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x181; }},
       {"no sync message",
        [](Tree& t) {
          t["bus"]["sync"] = Tree();
