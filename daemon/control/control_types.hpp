@@ -66,7 +66,7 @@ struct Reference {
 };
 
 struct LawOutput {
-  double u = 0.0;            // dimensionless control of (1), clipped to the law's range
+  double u = 0.0;            // dimensionless control of (1), clipped to the law's range if finite
   std::int32_t region = -1;  // index of the affine piece; -1: the law did not run
   bool parameter_clamped = false;
   bool at_range_end = false;  // u stands at law.u_min or law.u_max

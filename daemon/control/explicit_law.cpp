@@ -1,6 +1,7 @@
 #include "control/explicit_law.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace eampc::control {
 namespace {
@@ -26,7 +27,8 @@ LawOutput ExplicitLaw::at(ParameterVector p) const noexcept {
   }
   const LawValue value = evaluate(law.tree, p.data());
   output.region = value.piece;
-  output.u = std::clamp(value.u, law.u_min, law.u_max);
+  // Clipping would hide an infinite value from the finite check of safety.
+  output.u = std::isfinite(value.u) ? std::clamp(value.u, law.u_min, law.u_max) : value.u;
   const double margin = kRangeTolerance * (law.u_max - law.u_min);
   output.at_range_end = value.u >= law.u_max - margin || value.u <= law.u_min + margin;
   return output;
