@@ -50,6 +50,11 @@ StateEstimate StateEstimator::correct(const EncoderSample& sample) noexcept {
   for (int i = 0; i < kMaxStates; ++i) {
     estimate.x[static_cast<std::size_t>(i)] = x_[i];
   }
+  if (!x_.allFinite()) {
+    // Told once, for safety to stop on; kept, it would stay in v and in a Kalman estimate for ever.
+    x_.setZero();
+    started_ = false;
+  }
   return estimate;
 }
 
