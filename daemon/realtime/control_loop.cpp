@@ -98,18 +98,20 @@ void ControlLoop::run_on_encoder() noexcept {
       case Wait::kFrame:
         if (!settings_.lockstep) {
           deadline = arrival.arrived_at + period_ns_ + period_ns_ / 2;
-          if (frame_ever_seen_ && arrival.arrived_at - last_cycle_at_ < period_ns_ / 2) {
+          if (frame_ever_seen_ && arrival.arrived_at < late_until_) {
             const bool duplicate = arrival.received.frame.data == last_frame_.data;
             count(duplicate ? cells_.duplicate_frames : cells_.late_frames);
             break;
           }
         }
-        last_cycle_at_ = arrival.arrived_at;
+        late_until_ = arrival.arrived_at + period_ns_ / 2;
         run_cycle(&arrival.received.frame, arrival);
         break;
       case Wait::kDeadline:
         count(cells_.encoder_timeouts);
-        last_cycle_at_ = deadline;
+        // The next frame is due half a period from now: half of that is for what is late, half for
+        // jitter (a USB adapter's is ±0.9 ms).
+        late_until_ = deadline + period_ns_ / 4;
         run_cycle_without_frame(deadline);
         deadline += period_ns_;
         // No catching up: periods the thread slept through are gone.

@@ -7,7 +7,8 @@
 //   are `superseded`.
 //                     Once a frame was seen, a period without one (half a period of slack) runs a
 //                     cycle without a frame. A frame that comes less than half a period after a
-//                     cycle belongs to a period that is over: `late`.
+//                     frame's cycle, or a quarter after one without, belongs to a period that is
+//                     over: `late`.
 //   sync trigger      on a fixed grid: Sync goes out, the encoder's answer starts the cycle; no
 //   answer by 7/8 of the
 //                     period: a cycle without a frame. A missed grid point is skipped, the grid
@@ -132,8 +133,8 @@ class ControlLoop {
 
   std::atomic<bool> stop_{false};
   std::int64_t next_cycle_ = 0;
-  std::int64_t last_cycle_at_ =
-      0;  // CLOCK_MONOTONIC: arrival of the frame, or the deadline it missed
+  std::int64_t late_until_ =
+      0;  // CLOCK_MONOTONIC: a frame before it belongs to a period that is over
   bool frame_ever_seen_ = false;
   bool send_failed_ = false;
   bool link_down_ = false;
