@@ -312,8 +312,9 @@ void ControlLoop::sleep_until(std::int64_t instant) const noexcept {
 // plant that ended) the stop's ramp is stepped through here. The last frame on the bus always is
 // the safe one.
 void ControlLoop::come_to_rest() noexcept {
+  // The longest stop: a hold (`saturate`), to the bias, to the safe voltage; a second for the rest.
   const double ramps_s =
-      2.0 * config_.safety.soft_stop_ramp_s + config_.safety.encoder_timeout_s + 1.0;
+      3.0 * config_.safety.soft_stop_ramp_s + config_.safety.encoder_timeout_s + 1.0;
   const auto bound = static_cast<std::int64_t>(std::ceil(ramps_s / config_.model.period_s));
   control::CycleInput input;
   input.action = control::OperatorAction::kDisarm;

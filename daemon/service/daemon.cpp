@@ -133,14 +133,14 @@ void tell_ready(int fd) {
   ::close(fd);
 }
 
-// In real time: two soft-stop ramps, because a fault's own may be under way, and a second for the
-// rest. In lock-step the plant may have ended already: a silence of kLockstepSilence means that no
-// cycle comes any more.
+// In real time: three soft-stop ramps, because a fault that holds the voltages first may have
+// begun, and a second for the rest. In lock-step the plant may have ended already: a silence of
+// kLockstepSilence means that no cycle comes any more.
 void wait_for_rest(const realtime::ControlLoop& loop, std::uint64_t disarm_id,
                    double soft_stop_ramp_s, bool lockstep) {
   constexpr milliseconds kLockstepLimit{2000};
   constexpr milliseconds kLockstepSilence{300};  // user-mode Linux makes 500 cycles in a second
-  const milliseconds realtime_limit(std::llround(1000.0 * (2.0 * soft_stop_ramp_s + 1.0)));
+  const milliseconds realtime_limit(std::llround(1000.0 * (3.0 * soft_stop_ramp_s + 1.0)));
   const auto limit = steady_clock::now() + (lockstep ? kLockstepLimit : realtime_limit);
   std::int64_t cycles = loop.counters().cycles;
   auto silent_since = steady_clock::now();

@@ -291,6 +291,24 @@ TEST_F(ControlLoopTest, StopEndsALongHoldToo) {
   EXPECT_TRUE(loop_->newest().at_rest);
 }
 
+// A fault that holds the voltages first takes three ramps to come to rest.
+TEST_F(ControlLoopTest, StopEndsALongHoldToo) {
+  open(0.001, true);
+  config_.safety.encoder_timeout_action = control::StopAction::kSaturate;
+  config_.safety.encoder_timeout_s = 0.001;
+  config_.safety.soft_stop_ramp_s = 5.0;
+  loop_ = std::make_unique<ControlLoop>(*bus_, config_, LoopSettings{.lockstep = true});
+  order(OperatorAction::kArm, 1);
+  start();
+  put_encoder();
+  command();
+  put_encoder();
+  EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 1u);
+  stop();
+  EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 0u);
+  EXPECT_TRUE(loop_->newest().at_rest);
+}
+
 TEST_F(ControlLoopTest, SyncGoesOutOnAGridAndTheAnswerStartsTheCycle) {
   open(0.02, false, true);
   start();
