@@ -25,6 +25,9 @@ constexpr std::int64_t kVersion = 1;
 constexpr const char* kRemedy = "; design it again with eampc design";
 // Sizes beyond these are damage, not laws: the largest reference-like law has some thousand pieces.
 constexpr std::int64_t kMaxEntries = 4'000'000;
+// The bounds of control.period_s in rig.toml; shorter ones would round to 0 ns, or ramps overflow.
+constexpr double kShortestPeriod_s = 1e-4;
+constexpr double kLongestPeriod_s = 1.0;
 constexpr double kVoltageTolerance_V = 1e-6;  // the file's numbers come from a sum and a division
 
 static_assert(std::endian::native == std::endian::little, "array blobs are little-endian");
@@ -508,7 +511,7 @@ void read_valve(const Value& valve, const Value& law, const ControllerConfig& co
 
 void read_safety(const Value& safety, double period_s, control::SafetyConfig& out) {
   constexpr double kLongest_s =
-      3600.0;  // periods of a longer ramp would not be counted in 32 bits at any sane rate
+      3600.0;  // 3.6e7 of the shortest periods: several such ramps still count in 32 bits
   out.encoder_timeout_s = safety.at("encoder_timeout_s").number_in(period_s, kLongest_s);
   out.arming_ramp_s = safety.at("arming_ramp_s").number_in(0.0, kLongest_s);
   out.soft_stop_ramp_s = safety.at("soft_stop_ramp_s").number_in(0.0, kLongest_s);
@@ -744,7 +747,7 @@ LawFile LawFile::from_bytes(std::span<const std::uint8_t> bytes, const std::stri
   LawFile law;
   ControllerConfig& config = law.config_;
   const Value timing = payload.at("timing");
-  const double period_s = timing.at("period_s").positive();
+  const double period_s = timing.at("period_s").number_in(kShortestPeriod_s, kLongestPeriod_s);
   config.trigger_on_sync = timing.at("trigger").choice({"encoder", "sync"}) == 1;
   read_model(payload.at("model"), period_s, config.model);
   read_estimator(payload.at("estimator"), period_s, config.estimator);

@@ -152,6 +152,8 @@ TEST(LawFile, TableOfDefects) {
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = "fast"; }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e-12; }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e6; }},
+      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e-12; }},
+      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e6; }},
       {"timing.trigger", [](Tree& t) { t["timing"]["trigger"] = "clock"; }},
       {"model.order", [](Tree& t) { t["model"]["order"] = 4; }},
       {"model.order", [](Tree& t) { t["model"]["valve_time_constant_s"] = 0.03; }},
