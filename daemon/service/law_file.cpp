@@ -660,6 +660,12 @@ void read_bus(const Value& bus, ControllerConfig& config) {
     if (const auto counter = message->find("counter_signal")) {
       sync.counter = reader.read(*counter);
     }
+    const auto is_sync = [&](const auto& layout) {
+      return layout.id == sync.id && layout.extended == sync.extended;
+    };
+    if (is_sync(config.encoder) || is_sync(config.valve_command)) {
+      message->at("id").fail("is that of another message");  // a Sync would be read as voltages
+    }
   }
   if (config.trigger_on_sync && !config.sync.present) {
     bus.fail("has no sync message, but timing.trigger is \"sync\"");

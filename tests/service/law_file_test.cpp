@@ -261,6 +261,8 @@ TEST(LawFile, TableOfDefects) {
        [](Tree& t) { t["bus"]["valve_command"]["id"] = 0x181; }},
       {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x201; }},
       {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x181; }},
+      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x201; }},
+      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x181; }},
       {"no sync message",
        [](Tree& t) {
          t["bus"]["sync"] = Tree();
