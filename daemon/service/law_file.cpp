@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <initializer_list>
 #include <limits>
@@ -25,6 +26,8 @@ constexpr std::int64_t kVersion = 1;
 constexpr const char* kRemedy = "; design it again with eampc design";
 // Sizes beyond these are damage, not laws: the largest reference-like law has some thousand pieces.
 constexpr std::int64_t kMaxEntries = 4'000'000;
+// A hundred times the reference law's 2 MB.
+constexpr std::uintmax_t kMaxFileBytes = std::uintmax_t{200} << 20;
 // The bounds of control.period_s in rig.toml; shorter ones would round to 0 ns, or ramps overflow.
 constexpr double kShortestPeriod_s = 1e-4;
 constexpr double kLongestPeriod_s = 1.0;
@@ -695,6 +698,18 @@ void read_meta(const Value& payload, LawMeta& meta) {
 }  // namespace
 
 LawFile LawFile::load(const std::string& path) {
+  // A pipe would be waited for, a device read for ever.
+  std::error_code unreadable;
+  const auto status = std::filesystem::status(path, unreadable);
+  if (std::filesystem::exists(status)) {
+    if (!std::filesystem::is_regular_file(status)) {
+      throw LawFileError(path + ": is not a regular file; make it with eampc design");
+    }
+    if (std::filesystem::file_size(path, unreadable) > kMaxFileBytes) {
+      throw LawFileError(path + ": is larger than " + std::to_string(kMaxFileBytes >> 20) +
+                         " MiB, which no law is; make it with eampc design");
+    }
+  }
   std::ifstream file(path, std::ios::binary);
   if (!file) {
     throw LawFileError(path + ": cannot be opened (" + std::strerror(errno) +

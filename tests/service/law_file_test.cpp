@@ -99,6 +99,19 @@ TEST(LawFile, WhatIsNoRegularFileIsRefused) {
   std::remove(large.c_str());
 }
 
+TEST(LawFile, WhatIsNoRegularFileIsRefused) {
+  const std::string pipe = testing::TempDir() + "law_file_test.pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  const std::string large = testing::TempDir() + "law_file_test_large.law";
+  std::ofstream(large).close();
+  ASSERT_EQ(::truncate(large.c_str(), std::int64_t{1} << 40), 0);
+  for (const std::string& path : {testing::TempDir(), std::string("/dev/zero"), pipe, large}) {
+    EXPECT_THROW(LawFile::load(path), LawFileError) << path;
+  }
+  std::remove(pipe.c_str());
+  std::remove(large.c_str());
+}
+
 TEST(LawFile, TruncationSaysHowMuchIsThere) {
   auto bytes = law_bytes(synthetic_payload());
   const std::string whole = std::to_string(bytes.size());
