@@ -17,7 +17,9 @@ std::optional<control::Reference> ExternalReference::accept(const control::Refer
   }
   // Compared without a difference: the stamp may be any 64-bit number.
   if (sample_utime < now_us - kExpiryUs || sample_utime > now_us + kExpiryUs) return std::nullopt;
-  if (followed_ && now_us - followed_since_us_ < period_us_) return std::nullopt;
+  // A clock that was set back says nothing about the rate.
+  const std::int64_t followed_for_us = now_us - followed_since_us_;
+  if (followed_ && followed_for_us >= 0 && followed_for_us < period_us_) return std::nullopt;
   control::Reference reference = sample;
   if (std::fabs(sample.angle_rad) > angle_max_rad_) {
     reference = {std::clamp(sample.angle_rad, -angle_max_rad_, angle_max_rad_), 0.0, 0.0};
@@ -28,7 +30,9 @@ std::optional<control::Reference> ExternalReference::accept(const control::Refer
 }
 
 std::optional<control::Reference> ExternalReference::expire(std::int64_t now_us) {
-  if (!followed_ || now_us - followed_since_us_ < kExpiryUs) return std::nullopt;
+  const std::int64_t followed_for_us = now_us - followed_since_us_;
+  // Set back, the clock cannot tell the age any more: stand still now rather than an hour later.
+  if (!followed_ || (followed_for_us >= 0 && followed_for_us < kExpiryUs)) return std::nullopt;
   const control::Reference held{followed_->angle_rad, 0.0, 0.0};
   followed_.reset();
   return held;
