@@ -19,7 +19,8 @@ struct LoopCommand {
 
 // An operator types; 64 is more than a script sends before the next period takes them out.
 using CommandQueue = RecordQueue<LoopCommand, 64>;
-// Reference tables the loop no longer reads, on their way back to their owner.
-using ReleasedTableQueue = RecordQueue<const control::Reference*, 64>;
+// Reference tables the loop no longer reads, on their way back to their owner. More than can wait
+// in the command queue and in the loop together (64 + 32): none is ever lost.
+using ReleasedTableQueue = RecordQueue<const control::Reference*, 128>;
 
 }  // namespace eampc::realtime

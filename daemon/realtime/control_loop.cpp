@@ -338,7 +338,11 @@ void ControlLoop::collect_commands() noexcept {
 
 void ControlLoop::forget_pending(std::size_t index) noexcept {
   const LoopCommand& command = pending_[index];
-  if (command.at_cycle < 0) executed_command_ = std::max(executed_command_, command.id);
+  if (command.at_cycle < 0) {
+    executed_command_ = std::max(executed_command_, command.id);
+  } else {
+    count(scheduled_done_);
+  }
   for (std::size_t i = index + 1; i < pending_count_; ++i) pending_[i - 1] = pending_[i];
   --pending_count_;
 }

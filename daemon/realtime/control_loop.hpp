@@ -77,6 +77,11 @@ struct LoopCounters {
 
 class ControlLoop {
  public:
+  // Commands for a later cycle that may wait at once; whoever hands them over keeps to it. The
+  // other half of the room stays free for what an operator wants now: a disarm must never queue
+  // behind a plan.
+  static constexpr std::size_t kMaxScheduled = 16;
+
   // All arguments must outlive the loop.
   ControlLoop(Bus& bus, const control::ControllerConfig& config, LoopSettings settings);
 
@@ -89,6 +94,10 @@ class ControlLoop {
   ReleasedTableQueue& released_tables() noexcept { return released_tables_; }
   LoopRecord newest() const noexcept { return newest_.read(); }
   LoopCounters counters() const noexcept;
+  // How many commands for a later cycle were executed or dropped so far.
+  std::int64_t scheduled_done() const noexcept {
+    return scheduled_done_.load(std::memory_order_relaxed);
+  }
   const LatencyHistogram& arrival_to_sent() const noexcept { return arrival_to_sent_; }
 
  private:
@@ -141,10 +150,11 @@ class ControlLoop {
   control::Frame last_frame_;
   std::uint64_t sync_counter_ = 0;
 
-  static constexpr std::size_t kMaxPending = 32;
+  static constexpr std::size_t kMaxPending = 2 * kMaxScheduled;
   std::array<LoopCommand, kMaxPending> pending_{};
   std::size_t pending_count_ = 0;
   std::uint64_t executed_command_ = 0;
+  std::atomic<std::int64_t> scheduled_done_{0};
   control::ReferenceTrajectory reference_{};  // as handed over last; its table is in use
 
   CommandQueue commands_;

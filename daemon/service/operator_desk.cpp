@@ -1,5 +1,7 @@
 #include "service/operator_desk.hpp"
 
+#include <mutex>
+#include <string>
 #include <thread>
 #include <utility>
 
@@ -98,7 +100,13 @@ std::string OperatorDesk::refusal(const OperatorRequest& request) const {
 std::uint64_t OperatorDesk::hand_over(realtime::LoopCommand command) {
   command.id = next_id_;
   if (!loop_.commands().push(command)) return 0;
+  if (command.at_cycle >= 0) ++scheduled_;
   return next_id_++;
+}
+
+bool OperatorDesk::may_schedule() const {
+  constexpr auto kMost = static_cast<std::int64_t>(realtime::ControlLoop::kMaxScheduled);
+  return scheduled_ - loop_.scheduled_done() < kMost;
 }
 
 bool OperatorDesk::wait_until_executed(std::uint64_t id) const {
@@ -122,7 +130,13 @@ OperatorReply OperatorDesk::answer(OperatorRequest request) {
   command.reference = request.reference;
   std::uint64_t id = 0;
   {
-    const std::lock_guard lock(mutex_);
+    std::unique_lock lock(mutex_);
+    if (request.at_cycle >= 0 && !may_schedule()) {
+      lock.unlock();  // status() takes it again
+      return status(false, std::to_string(realtime::ControlLoop::kMaxScheduled) +
+                               " commands wait for their cycle already; leave at_cycle out, or let "
+                               "theirs come first");
+    }
     if (!request.table.empty()) {
       tables_.collect(loop_.released_tables());
       command.reference.samples = static_cast<std::int32_t>(request.table.size());

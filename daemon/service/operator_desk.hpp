@@ -43,14 +43,16 @@ class OperatorDesk {
 
   std::string refusal(const OperatorRequest& request) const;  // empty: accepted
   std::uint64_t hand_over(realtime::LoopCommand command);     // its id, or 0 if the queue is full
+  bool may_schedule() const;
   bool wait_until_executed(std::uint64_t id) const;
 
   realtime::ControlLoop& loop_;
   const DeskSettings settings_;
-  mutable std::mutex
-      mutex_;  // one producer at a time on the command queue; tables_, next_id_, realtime_text_
+  mutable std::mutex mutex_;  // one producer at a time on the command queue; tables_, next_id_,
+                              // scheduled_, realtime_text_
   ReferenceTables tables_;
   std::uint64_t next_id_ = 1;
+  std::int64_t scheduled_ = 0;  // commands for a later cycle, handed over so far
   std::string realtime_text_;
 };
 
