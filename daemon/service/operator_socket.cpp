@@ -10,6 +10,8 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <iterator>
+#include <new>
 #include <utility>
 
 #include "service/options.hpp"
@@ -76,6 +78,7 @@ void OperatorSocket::start() {
 
 void OperatorSocket::stop() {
   if (!thread_.joinable()) return;
+  stopping_.store(true, std::memory_order_relaxed);
   const std::uint64_t one = 1;
   [[maybe_unused]] const ssize_t written = ::write(stop_event_.get(), &one, sizeof one);
   thread_.join();
@@ -84,21 +87,34 @@ void OperatorSocket::stop() {
 void OperatorSocket::serve() {
   for (;;) {
     std::vector<pollfd> watched{{stop_event_.get(), POLLIN, 0}, {listener_.get(), POLLIN, 0}};
+    bool request_waits = false;
     for (const Client& client : clients_) {
-      const auto events = static_cast<short>(client.to_send.empty() ? POLLIN : POLLIN | POLLOUT);
-      watched.push_back({client.fd.get(), events, 0});
+      // Nothing more is read from a client whose last request is not answered yet.
+      const bool has = has_request(client);
+      request_waits |= has;
+      const int events = (has ? 0 : POLLIN) | (client.to_send.empty() ? 0 : POLLOUT);
+      watched.push_back({client.fd.get(), static_cast<short>(events), 0});
     }
-    if (::poll(watched.data(), watched.size(), -1) < 0) continue;
-    if (watched[0].revents != 0) return;
+    if (::poll(watched.data(), watched.size(), request_waits ? 0 : -1) < 0) continue;
     std::size_t i = 2;
     for (auto client = clients_.begin(); client != clients_.end(); ++i) {
-      const short events = watched[i].revents;
-      bool alive = true;
-      if ((events & (POLLIN | POLLHUP | POLLERR)) != 0) alive = read_from(*client);
-      if (alive && !client->to_send.empty()) alive = write_to(*client);
-      client = alive ? std::next(client) : clients_.erase(client);
+      if (stopping_.load(std::memory_order_relaxed)) return;
+      client =
+          serve_client(*client, watched[i].revents) ? std::next(client) : clients_.erase(client);
     }
+    if (stopping_.load(std::memory_order_relaxed)) return;
     if (watched[1].revents != 0) accept_client();
+  }
+}
+
+bool OperatorSocket::serve_client(Client& client, short events) {
+  try {
+    const bool readable = (events & (POLLIN | POLLHUP | POLLERR)) != 0;
+    if (readable && !has_request(client) && !read_from(client)) return false;
+    if (has_request(client) && !answer_request(client)) return false;
+    return client.to_send.empty() || write_to(client);
+  } catch (const std::bad_alloc&) {
+    return false;  // locked memory is scarce; a table too many must not end the control loop
   }
 }
 
@@ -117,36 +133,39 @@ bool OperatorSocket::read_from(Client& client) {
   if (size == 0) return false;
   if (size < 0) return errno == EAGAIN || errno == EINTR;
   client.received.insert(client.received.end(), chunk.begin(), chunk.begin() + size);
-  return answer_requests(client);
+  return true;
 }
 
-bool OperatorSocket::answer_requests(Client& client) {
-  for (;;) {
-    std::uint32_t length = 0;
-    if (client.received.size() < sizeof length) return true;
-    std::memcpy(&length, client.received.data(), sizeof length);
-    OperatorReply reply;
-    const bool too_long = length > kMaxRequestBytes;
-    if (too_long) {
-      reply =
-          desk_.refuse("the request is longer than " + std::to_string(kMaxRequestBytes) + " bytes");
-    } else {
-      if (client.received.size() < sizeof length + length) return true;
-      try {
-        reply = desk_.answer(parse_request(
-            std::span<const std::uint8_t>(client.received).subspan(sizeof length, length)));
-      } catch (const BadInput& error) {
-        reply = desk_.refuse(error.what());
-      }
-      client.received.erase(
-          client.received.begin(),
-          client.received.begin() + static_cast<std::ptrdiff_t>(sizeof length + length));
-      if (client.received.empty()) client.received.shrink_to_fit();
+bool OperatorSocket::has_request(const Client& client) {
+  std::uint32_t length = 0;
+  if (client.received.size() < sizeof length) return false;
+  std::memcpy(&length, client.received.data(), sizeof length);
+  return length > kMaxRequestBytes || client.received.size() - sizeof length >= length;
+}
+
+bool OperatorSocket::answer_request(Client& client) {
+  std::uint32_t length = 0;
+  std::memcpy(&length, client.received.data(), sizeof length);
+  OperatorReply reply;
+  const bool too_long = length > kMaxRequestBytes;
+  if (too_long) {
+    reply =
+        desk_.refuse("the request is longer than " + std::to_string(kMaxRequestBytes) + " bytes");
+  } else {
+    try {
+      reply = desk_.answer(parse_request(
+          std::span<const std::uint8_t>(client.received).subspan(sizeof length, length)));
+    } catch (const BadInput& error) {
+      reply = desk_.refuse(error.what());
     }
-    const std::vector<std::uint8_t> message = pack_reply(reply);
-    client.to_send.insert(client.to_send.end(), message.begin(), message.end());
-    if (!write_to(client) || too_long || client.to_send.size() > kMaxUnsentBytes) return false;
+    client.received.erase(
+        client.received.begin(),
+        client.received.begin() + static_cast<std::ptrdiff_t>(sizeof length + length));
+    if (client.received.empty()) client.received.shrink_to_fit();
   }
+  const std::vector<std::uint8_t> message = pack_reply(reply);
+  client.to_send.insert(client.to_send.end(), message.begin(), message.end());
+  return write_to(client) && !too_long && client.to_send.size() <= kMaxUnsentBytes;
 }
 
 bool OperatorSocket::write_to(Client& client) {

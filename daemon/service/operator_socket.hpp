@@ -1,7 +1,9 @@
-// The Unix socket operators talk to. One thread, poll(), several clients; a slow or silent client
-// delays nobody. File permissions (0600) say who may operate.
+// The Unix socket operators talk to. One thread, poll(), several clients that take turns by single
+// requests: a slow, silent or flooding one delays the others by one request at most. File
+// permissions (0600) say who may operate.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <list>
 #include <string>
@@ -37,8 +39,10 @@ class OperatorSocket {
 
   void serve();
   void accept_client();
-  bool read_from(Client& client);  // false: the client is gone or misbehaved
-  bool answer_requests(Client& client);
+  bool read_from(Client& client);                 // false: the client is gone or misbehaved
+  static bool has_request(const Client& client);  // a whole one, or one that is too long
+  bool answer_request(Client& client);
+  bool serve_client(Client& client, short events);
   static bool write_to(Client& client);
 
   const std::string path_;
@@ -46,6 +50,7 @@ class OperatorSocket {
   realtime::FileDescriptor listener_;
   realtime::FileDescriptor stop_event_;
   std::list<Client> clients_;
+  std::atomic<bool> stopping_{false};
   std::thread thread_;
 };
 
