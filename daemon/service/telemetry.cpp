@@ -103,8 +103,8 @@ void Telemetry::receive(int wait_ms) {
     std::this_thread::sleep_for(std::chrono::milliseconds(wait_ms));
     return;
   }
-  for (int wait = wait_ms; lcm_.handleTimeout(wait) > 0; wait = 0) {
-  }
+  int wait = wait_ms;
+  for (int i = 0; i < kMaxReferencesPerTurn && lcm_.handleTimeout(wait) > 0; ++i) wait = 0;
 }
 
 void Telemetry::publish_state(const realtime::LoopRecord& record) {

@@ -34,6 +34,9 @@ class Telemetry {
   void receive(int wait_ms);
 
  private:
+  // Twice what LCM keeps for us: a flooding sender must not hold up records and the stop.
+  static constexpr int kMaxReferencesPerTurn = 16;
+
   struct Destroyer {
     void operator()(lcm_t* lcm) const noexcept { ::lcm_destroy(lcm); }
   };

@@ -80,6 +80,12 @@ TEST_F(TrackingLawTest, InfinityIsNotClippedIntoTheRange) {
   EXPECT_TRUE(std::isinf(law_.at({22.0}).u));
 }
 
+TEST_F(TrackingLawTest, InfinityIsNotClippedIntoTheRange) {
+  joint_.pieces[0].gain[0] = 1e308;
+  joint_.pieces[0].offset = 1e308;
+  EXPECT_TRUE(std::isinf(law_.at({22.0}).u));
+}
+
 TEST(ExplicitLaw, TrackingWithoutValveStateHasFiveParameters) {
   ReferenceJoint joint = reference_joint(false);
   connect(joint);

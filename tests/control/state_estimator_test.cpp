@@ -127,6 +127,26 @@ TEST(StateEstimator, RecoversFromANumberThatIsNotFinite) {
   }
 }
 
+// v is propagated from cycle to cycle: what is not finite would stay for ever.
+TEST(StateEstimator, RecoversFromANumberThatIsNotFinite) {
+  for (const EstimatorKind kind : {EstimatorKind::kAdaptive, EstimatorKind::kKalman}) {
+    ReferenceJoint joint = reference_joint();
+    joint.config.estimator.kind = kind;
+    StateEstimator estimator(joint.config);
+    const EncoderSample sample{SampleVerdict::kValid, 0.1, 0.2, true, 0, 0};
+    estimator.predict(0.0, {});
+    estimator.correct(sample);
+    estimator.predict(std::numeric_limits<double>::infinity(), {});
+    EXPECT_FALSE(std::isfinite(estimator.correct(sample).x[2]));  // safety stops on it
+    estimator.predict(1.0, {});
+    const StateEstimate recovered = estimator.correct(sample);
+    EXPECT_TRUE(recovered.restarted);
+    EXPECT_EQ(recovered.x[0], 0.1);
+    EXPECT_EQ(recovered.x[1], 0.2);
+    EXPECT_NEAR(recovered.x[2], joint.config.model.B_star(2), 1e-15);
+  }
+}
+
 TEST(StateEstimator, KalmanCorrectsByGainTimesInnovation) {
   ReferenceJoint joint = reference_joint();
   joint.config.estimator.kind = EstimatorKind::kKalman;

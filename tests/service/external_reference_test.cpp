@@ -61,6 +61,17 @@ TEST(ExternalReference, ASteppedClockNeitherBlocksNorHolds) {
   EXPECT_EQ(held->velocity_rad_s, 0.0);
 }
 
+TEST(ExternalReference, ASteppedClockNeitherBlocksNorHolds) {
+  ExternalReference external(1.0, 0.005);
+  constexpr std::int64_t kEarlier = kNow - 3'600'000'000;
+  ASSERT_TRUE(external.accept({0.1, 2.0, 0}, kNow, kNow));
+  EXPECT_TRUE(external.accept({0.2, 0, 0}, kEarlier, kEarlier));
+  ASSERT_TRUE(external.accept({0.3, 2.0, 0}, kNow, kNow));
+  const auto held = external.expire(kEarlier);
+  ASSERT_TRUE(held);
+  EXPECT_EQ(held->velocity_rad_s, 0.0);
+}
+
 TEST(ExternalReference, StandsStillOnceTheSamplesStop) {
   ExternalReference external(1.0, 0.005);
   EXPECT_FALSE(external.expire(kNow));
