@@ -1,5 +1,3 @@
-#include "control/safety.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -9,6 +7,7 @@
 #include <string>
 
 #include "control/reference_joint.hpp"
+#include "control/safety.hpp"
 
 namespace eampc::control {
 namespace {
@@ -261,42 +260,6 @@ TEST_F(SafetyTest, ACounterGapAsLongAsTheTimeOutIsASilence) {
   EXPECT_EQ(safety_->state().fault, Fault::kNone);
 }
 
-// Where no empty period was reported (lock-step, a loop that slept), the counter is the only
-// witness.
-TEST_F(SafetyTest, ACounterGapAsLongAsTheTimeOutIsASilence) {
-  for (const int lost : {3, 4}) {
-    go(Mode::kActive);
-    safety_->advance({SampleVerdict::kValid, kNone, false, 1 + lost});
-    EXPECT_EQ(safety_->state().mode, lost < 4 ? Mode::kActive : Mode::kSoftStop);
-    EXPECT_EQ(safety_->state().fault, lost < 4 ? Fault::kNone : Fault::kEncoderTimeout);
-  }
-  go(Mode::kActive);
-  cycle(kNone, SampleVerdict::kMissing);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 4});  // one empty period and three more
-  EXPECT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
-  go(Mode::kDisarmed);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 15});
-  EXPECT_EQ(safety_->state().fault, Fault::kNone);
-}
-
-// Where no empty period was reported (lock-step, a loop that slept), the counter is the only
-// witness.
-TEST_F(SafetyTest, ACounterGapAsLongAsTheTimeOutIsASilence) {
-  for (const int lost : {3, 4}) {
-    go(Mode::kActive);
-    safety_->advance({SampleVerdict::kValid, kNone, false, 1 + lost});
-    EXPECT_EQ(safety_->state().mode, lost < 4 ? Mode::kActive : Mode::kSoftStop);
-    EXPECT_EQ(safety_->state().fault, lost < 4 ? Fault::kNone : Fault::kEncoderTimeout);
-  }
-  go(Mode::kActive);
-  cycle(kNone, SampleVerdict::kMissing);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 4});  // one empty period and three more
-  EXPECT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
-  go(Mode::kDisarmed);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 15});
-  EXPECT_EQ(safety_->state().fault, Fault::kNone);
-}
-
 TEST_F(SafetyTest, SilenceWhileDisarmedIsNoFault) {
   go(Mode::kDisarmed);
   for (int i = 0; i < 100; ++i) {
@@ -351,36 +314,6 @@ TEST_F(SafetyTest, ARefusingBusEndsTheSoftStopOfAnotherFault) {
   EXPECT_FALSE(enabled());
 }
 
-// The ramp of another fault must not go on once the bus refuses frames: what gets through again
-// would raise the pressure in a node that has vented.
-TEST_F(SafetyTest, ARefusingBusEndsTheSoftStopOfAnotherFault) {
-  go(Mode::kActive);
-  for (int i = 0; i < 4; ++i) cycle(kNone, SampleVerdict::kMissing);
-  ASSERT_EQ(safety_->state().mode, Mode::kSoftStop);
-  ASSERT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
-  cycle(kNone, SampleVerdict::kMissing, 0.0, true);
-  const SafetyState state = cycle(kNone, SampleVerdict::kMissing, 0.0, true);
-  EXPECT_EQ(state.mode, Mode::kFault);
-  EXPECT_EQ(state.fault, Fault::kEncoderTimeout);  // the first cause stands
-  EXPECT_EQ(u1(), 0.0);
-  EXPECT_FALSE(enabled());
-}
-
-// The ramp of another fault must not go on once the bus refuses frames: what gets through again
-// would raise the pressure in a node that has vented.
-TEST_F(SafetyTest, ARefusingBusEndsTheSoftStopOfAnotherFault) {
-  go(Mode::kActive);
-  for (int i = 0; i < 4; ++i) cycle(kNone, SampleVerdict::kMissing);
-  ASSERT_EQ(safety_->state().mode, Mode::kSoftStop);
-  ASSERT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
-  cycle(kNone, SampleVerdict::kMissing, 0.0, true);
-  const SafetyState state = cycle(kNone, SampleVerdict::kMissing, 0.0, true);
-  EXPECT_EQ(state.mode, Mode::kFault);
-  EXPECT_EQ(state.fault, Fault::kEncoderTimeout);  // the first cause stands
-  EXPECT_EQ(u1(), 0.0);
-  EXPECT_FALSE(enabled());
-}
-
 TEST_F(SafetyTest, BoxAndSlewAreClampedAndReported) {
   joint_.config.valve.slew_max_V_per_s = 100.0;  // 0.5 V per period
   go(Mode::kActive);
@@ -393,32 +326,6 @@ TEST_F(SafetyTest, BoxAndSlewAreClampedAndReported) {
   EXPECT_EQ(u1(), 10.0);
   EXPECT_EQ(u2(), 0.0);
   EXPECT_TRUE(decision_.limits & kLimitControlRange);
-}
-
-TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
-  joint_.config.valve.slew_max_V_per_s = 100.0;  // 0.5 V per period
-  go(Mode::kActive);
-  cycle(kNone, SampleVerdict::kValid, 4.0);
-  ASSERT_NEAR(u1(), 5.5, 1e-12);
-  safety_->advance({SampleVerdict::kDuplicate, kNone, false, 0});
-  LawOutput law;
-  law.u = 4.0;
-  decision_ = safety_->decide({}, {}, law);
-  EXPECT_NEAR(u1(), 5.5, 1e-12);
-  EXPECT_NEAR(u2(), 4.5, 1e-12);
-}
-
-TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
-  joint_.config.valve.slew_max_V_per_s = 100.0;  // 0.5 V per period
-  go(Mode::kActive);
-  cycle(kNone, SampleVerdict::kValid, 4.0);
-  ASSERT_NEAR(u1(), 5.5, 1e-12);
-  safety_->advance({SampleVerdict::kDuplicate, kNone, false, 0});
-  LawOutput law;
-  law.u = 4.0;
-  decision_ = safety_->decide({}, {}, law);
-  EXPECT_NEAR(u1(), 5.5, 1e-12);
-  EXPECT_NEAR(u2(), 4.5, 1e-12);
 }
 
 TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {

@@ -1,6 +1,4 @@
 // The real loop on a socketpair. No absolute time is judged: periods are long, counts are compared.
-#include "realtime/control_loop.hpp"
-
 #include <gtest/gtest.h>
 #include <linux/can.h>
 #include <poll.h>
@@ -14,6 +12,7 @@
 #include <vector>
 
 #include "control/frame_codec.hpp"
+#include "realtime/control_loop.hpp"
 #include "realtime/toy_rig.hpp"
 
 namespace eampc::realtime {
@@ -238,40 +237,6 @@ TEST_F(ControlLoopTest, TheFrameAfterALostOneIsNotLate) {
   EXPECT_EQ(loop_->counters().valid_frames, 2);
 }
 
-// One lost frame must not cost the next one, whatever the adapter's jitter: it comes half a period
-// after the lost one was given up, minus or plus.
-TEST_F(ControlLoopTest, TheFrameAfterALostOneIsNotLate) {
-  open(0.4, false);
-  start();
-  put_encoder();
-  command();
-  ++counter_;  // lost on the bus
-  command();   // given up at 0.6 s
-  std::this_thread::sleep_for(milliseconds(150));
-  put_encoder();  // 0.75 s: 50 ms before its instant
-  EXPECT_TRUE(next(milliseconds(100)));
-  stop();
-  EXPECT_EQ(loop_->counters().late_frames, 0);
-  EXPECT_EQ(loop_->counters().valid_frames, 2);
-}
-
-// One lost frame must not cost the next one, whatever the adapter's jitter: it comes half a period
-// after the lost one was given up, minus or plus.
-TEST_F(ControlLoopTest, TheFrameAfterALostOneIsNotLate) {
-  open(0.4, false);
-  start();
-  put_encoder();
-  command();
-  ++counter_;  // lost on the bus
-  command();   // given up at 0.6 s
-  std::this_thread::sleep_for(milliseconds(150));
-  put_encoder();  // 0.75 s: 50 ms before its instant
-  EXPECT_TRUE(next(milliseconds(100)));
-  stop();
-  EXPECT_EQ(loop_->counters().late_frames, 0);
-  EXPECT_EQ(loop_->counters().valid_frames, 2);
-}
-
 TEST_F(ControlLoopTest, StopRampsDownAndSendsTheSafeFrameLast) {
   open(0.001, true);
   order(OperatorAction::kArm, 1);
@@ -287,42 +252,6 @@ TEST_F(ControlLoopTest, StopRampsDownAndSendsTheSafeFrameLast) {
   EXPECT_EQ(control::extract_bits(last.data, config_.valve_command.enable), 0u);
   EXPECT_EQ(control::extract_bits(last.data, config_.valve_command.u1), 0u);
   EXPECT_FALSE(next(milliseconds(0)));
-  EXPECT_TRUE(loop_->newest().at_rest);
-}
-
-// A fault that holds the voltages first takes three ramps to come to rest.
-TEST_F(ControlLoopTest, StopEndsALongHoldToo) {
-  open(0.001, true);
-  config_.safety.encoder_timeout_action = control::StopAction::kSaturate;
-  config_.safety.encoder_timeout_s = 0.001;
-  config_.safety.soft_stop_ramp_s = 5.0;
-  loop_ = std::make_unique<ControlLoop>(*bus_, config_, LoopSettings{.lockstep = true});
-  order(OperatorAction::kArm, 1);
-  start();
-  put_encoder();
-  command();
-  put_encoder();
-  EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 1u);
-  stop();
-  EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 0u);
-  EXPECT_TRUE(loop_->newest().at_rest);
-}
-
-// A fault that holds the voltages first takes three ramps to come to rest.
-TEST_F(ControlLoopTest, StopEndsALongHoldToo) {
-  open(0.001, true);
-  config_.safety.encoder_timeout_action = control::StopAction::kSaturate;
-  config_.safety.encoder_timeout_s = 0.001;
-  config_.safety.soft_stop_ramp_s = 5.0;
-  loop_ = std::make_unique<ControlLoop>(*bus_, config_, LoopSettings{.lockstep = true});
-  order(OperatorAction::kArm, 1);
-  start();
-  put_encoder();
-  command();
-  put_encoder();
-  EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 1u);
-  stop();
-  EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 0u);
   EXPECT_TRUE(loop_->newest().at_rest);
 }
 

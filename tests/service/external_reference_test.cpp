@@ -1,9 +1,9 @@
-#include "service/external_reference.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstdint>
+
+#include "service/external_reference.hpp"
 
 namespace eampc::service {
 namespace {
@@ -37,28 +37,6 @@ TEST(ExternalReference, RefusesOldFutureAndSenselessSamples) {
   EXPECT_FALSE(external.accept({0.1, 0, 0}, INT64_MAX, kNow));
   EXPECT_FALSE(external.accept({std::nan(""), 0, 0}, kNow, kNow));
   EXPECT_FALSE(external.accept({0.1, INFINITY, 0}, kNow, kNow));
-}
-
-TEST(ExternalReference, ASteppedClockNeitherBlocksNorHolds) {
-  ExternalReference external(1.0, 0.005);
-  constexpr std::int64_t kEarlier = kNow - 3'600'000'000;
-  ASSERT_TRUE(external.accept({0.1, 2.0, 0}, kNow, kNow));
-  EXPECT_TRUE(external.accept({0.2, 0, 0}, kEarlier, kEarlier));
-  ASSERT_TRUE(external.accept({0.3, 2.0, 0}, kNow, kNow));
-  const auto held = external.expire(kEarlier);
-  ASSERT_TRUE(held);
-  EXPECT_EQ(held->velocity_rad_s, 0.0);
-}
-
-TEST(ExternalReference, ASteppedClockNeitherBlocksNorHolds) {
-  ExternalReference external(1.0, 0.005);
-  constexpr std::int64_t kEarlier = kNow - 3'600'000'000;
-  ASSERT_TRUE(external.accept({0.1, 2.0, 0}, kNow, kNow));
-  EXPECT_TRUE(external.accept({0.2, 0, 0}, kEarlier, kEarlier));
-  ASSERT_TRUE(external.accept({0.3, 2.0, 0}, kNow, kNow));
-  const auto held = external.expire(kEarlier);
-  ASSERT_TRUE(held);
-  EXPECT_EQ(held->velocity_rad_s, 0.0);
 }
 
 TEST(ExternalReference, ASteppedClockNeitherBlocksNorHolds) {

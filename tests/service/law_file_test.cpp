@@ -1,5 +1,3 @@
-#include "service/law_file.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -12,6 +10,7 @@
 #include <random>
 #include <string>
 
+#include "service/law_file.hpp"
 #include "service/synthetic_law.hpp"
 
 namespace eampc::service {
@@ -99,32 +98,6 @@ TEST(LawFile, WhatIsNoRegularFileIsRefused) {
   std::remove(large.c_str());
 }
 
-TEST(LawFile, WhatIsNoRegularFileIsRefused) {
-  const std::string pipe = testing::TempDir() + "law_file_test.pipe";
-  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-  const std::string large = testing::TempDir() + "law_file_test_large.law";
-  std::ofstream(large).close();
-  ASSERT_EQ(::truncate(large.c_str(), std::int64_t{1} << 40), 0);
-  for (const std::string& path : {testing::TempDir(), std::string("/dev/zero"), pipe, large}) {
-    EXPECT_THROW(LawFile::load(path), LawFileError) << path;
-  }
-  std::remove(pipe.c_str());
-  std::remove(large.c_str());
-}
-
-TEST(LawFile, WhatIsNoRegularFileIsRefused) {
-  const std::string pipe = testing::TempDir() + "law_file_test.pipe";
-  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-  const std::string large = testing::TempDir() + "law_file_test_large.law";
-  std::ofstream(large).close();
-  ASSERT_EQ(::truncate(large.c_str(), std::int64_t{1} << 40), 0);
-  for (const std::string& path : {testing::TempDir(), std::string("/dev/zero"), pipe, large}) {
-    EXPECT_THROW(LawFile::load(path), LawFileError) << path;
-  }
-  std::remove(pipe.c_str());
-  std::remove(large.c_str());
-}
-
 TEST(LawFile, TruncationSaysHowMuchIsThere) {
   auto bytes = law_bytes(synthetic_payload());
   const std::string whole = std::to_string(bytes.size());
@@ -176,10 +149,6 @@ TEST(LawFile, TableOfDefects) {
       {"rig lacks the key name", [](Tree& t) { t["rig"].erase("name"); }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 0.0; }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = "fast"; }},
-      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e-12; }},
-      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e6; }},
-      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e-12; }},
-      {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e6; }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e-12; }},
       {"timing.period_s", [](Tree& t) { t["timing"]["period_s"] = 1e6; }},
       {"timing.trigger", [](Tree& t) { t["timing"]["trigger"] = "clock"; }},
@@ -287,10 +256,6 @@ TEST(LawFile, TableOfDefects) {
        [](Tree& t) { t["bus"]["valve_command"]["signals"]["u1"] = signal(0, 12, true, 0.001); }},
       {"bus.valve_command.id is the encoder's own",
        [](Tree& t) { t["bus"]["valve_command"]["id"] = 0x181; }},
-      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x201; }},
-      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x181; }},
-      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x201; }},
-      {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x181; }},
       {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x201; }},
       {"bus.sync.id is that of", [](Tree& t) { t["bus"]["sync"]["id"] = 0x181; }},
       {"no sync message",
