@@ -1,9 +1,10 @@
+#include "control/explicit_law.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 
-#include "control/explicit_law.hpp"
 #include "control/reference_joint.hpp"
 
 namespace eampc::control {

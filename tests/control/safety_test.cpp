@@ -1,3 +1,5 @@
+#include "control/safety.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -7,7 +9,6 @@
 #include <string>
 
 #include "control/reference_joint.hpp"
-#include "control/safety.hpp"
 
 namespace eampc::control {
 namespace {

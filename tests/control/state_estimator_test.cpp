@@ -1,3 +1,5 @@
+#include "control/state_estimator.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -5,7 +7,6 @@
 #include <random>
 
 #include "control/reference_joint.hpp"
-#include "control/state_estimator.hpp"
 
 namespace eampc::control {
 namespace {

@@ -1,4 +1,6 @@
 // The real loop on a socketpair. No absolute time is judged: periods are long, counts are compared.
+#include "realtime/control_loop.hpp"
+
 #include <gtest/gtest.h>
 #include <linux/can.h>
 #include <poll.h>
@@ -12,7 +14,6 @@
 #include <vector>
 
 #include "control/frame_codec.hpp"
-#include "realtime/control_loop.hpp"
 #include "realtime/toy_rig.hpp"
 
 namespace eampc::realtime {

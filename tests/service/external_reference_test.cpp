@@ -1,9 +1,9 @@
+#include "service/external_reference.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstdint>
-
-#include "service/external_reference.hpp"
 
 namespace eampc::service {
 namespace {

@@ -1,3 +1,5 @@
+#include "service/law_file.hpp"
+
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -10,7 +12,6 @@
 #include <random>
 #include <string>
 
-#include "service/law_file.hpp"
 #include "service/synthetic_law.hpp"
 
 namespace eampc::service {

@@ -1,4 +1,6 @@
 // The socket, the desk and the loop together; the loop runs in lock-step on a socketpair.
+#include "service/operator_socket.hpp"
+
 #include <gtest/gtest.h>
 #include <linux/can.h>
 #include <sys/socket.h>
@@ -19,7 +21,6 @@
 
 #include "control/encoder_codec.hpp"
 #include "realtime/toy_rig.hpp"
-#include "service/operator_socket.hpp"
 #include "service/options.hpp"
 
 namespace eampc::service {
