@@ -12,10 +12,10 @@
 namespace eampc::realtime {
 namespace {
 
-// How long the loop may sit in poll() before it looks at the stop flag.
+// How long the loop may sit in poll() before it looks at the stop flag: 20 ms, unnoticed by people.
 constexpr std::int64_t kStopCheckNs = 20'000'000;
 // poll() keeps reporting an error on a dead descriptor; at a real-time priority that must not
-// become a busy loop.
+// become a busy loop: 1 ms is 1,000 turns a second.
 constexpr std::int64_t kErrorPauseNs = 1'000'000;
 // Frames read in one go: a flooded bus must not keep the loop from its deadline.
 constexpr int kMaxDrain = 64;
@@ -132,6 +132,8 @@ void ControlLoop::run_on_sync() noexcept {
     discard_waiting_frames();  // what came before the Sync does not answer it
     send_sync();
     Arrival arrival;
+    // An eighth is left for the cycle and its frame: 0.6 ms at 200 Hz; 8 bytes take 0.27 ms at
+    // 500 kbit/s.
     const std::int64_t deadline = grid + period_ns_ - period_ns_ / 8;
     switch (wait_for_frame(deadline, arrival)) {
       case Wait::kStop:

@@ -20,7 +20,7 @@ namespace eampc::realtime {
 class UdpMulticastBus {
  public:
   // Datagrams from addresses that are not this machine's own are ignored: emulation never leaves
-  // the machine.
+  // the machine. 32 are more than a test machine with containers has; further ones are not local.
   static constexpr std::size_t kMaxLocalAddresses = 32;
   struct LocalAddresses {
     std::array<in_addr_t, kMaxLocalAddresses> address{};

@@ -627,7 +627,7 @@ void check_covers(const Value& message, const char* name, const SignalLayout& la
 }
 
 void read_bus(const Value& bus, ControllerConfig& config) {
-  constexpr int kCounterBits = 32;
+  constexpr int kCounterBits = 32;  // gaps are counted in 32 bits; a DBC's counters have 4 or 8
   {
     const Value message = bus.at("encoder");
     control::EncoderLayout& encoder = config.encoder;

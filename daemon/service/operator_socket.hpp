@@ -33,8 +33,9 @@ class OperatorSocket {
     std::vector<std::uint8_t> to_send;
   };
 
+  // An operator, a monitor and a few scripts; each may hold a whole request of locked memory.
   static constexpr std::size_t kMaxClients = 16;
-  // A client that does not read its replies is dropped beyond this.
+  // A client that does not read its replies is dropped beyond this: about 90 replies of 0.7 kB.
   static constexpr std::size_t kMaxUnsentBytes = 64 * 1024;
 
   void serve();
