@@ -1,4 +1,5 @@
 # The loader of the law file: also linked by the Python module and the tests, so a target of its own.
-add_library(eampc_law_file STATIC ${CMAKE_CURRENT_LIST_DIR}/law_file.cpp)
+add_library(eampc_law_file STATIC ${CMAKE_CURRENT_LIST_DIR}/law_file.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/law_sections.cpp)
 target_compile_definitions(eampc_law_file PUBLIC MSGPACK_NO_BOOST)
 target_link_libraries(eampc_law_file PUBLIC eampc_control ZLIB::ZLIB)
