@@ -37,6 +37,8 @@ while True:
                      "bus", "realtime_text"):
             if hasattr(message, name):
                 setattr(message, name, "text")
+        if hasattr(message, "mode_text"):
+            message.mode_text = "ACTIVE"
         if hasattr(message, "angle_rad"):
             message.angle_rad = 0.001 * (number % 500)
         if hasattr(message, "arrival_to_sent_us"):
