@@ -247,6 +247,7 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
   send_failed_ = !bus_.send(output.command);
   const std::int64_t sent_at = now_ns(CLOCK_MONOTONIC);
 
+  if (output.record.fault != control::Fault::kNone) forget_arming();
   next_cycle_ =
       output.record.cycle + 1;  // the cycle counts frames that were lost, and not a repeated one
   count(cells_.cycles);
@@ -349,18 +350,22 @@ void ControlLoop::forget_pending(std::size_t index) noexcept {
   --pending_count_;
 }
 
+// After a fault or a disarm nothing arms that was ordered before it: up only by a new edge.
+void ControlLoop::forget_arming() noexcept {
+  for (std::size_t i = pending_count_; i-- > 0;) {
+    if (pending_[i].action == control::OperatorAction::kArm) forget_pending(i);
+  }
+}
+
 control::OperatorAction ControlLoop::take_action() noexcept {
   using control::OperatorAction;
   const auto is_due = [&](const LoopCommand& command) { return command.at_cycle <= next_cycle_; };
   for (std::size_t i = 0; i < pending_count_; ++i) {
     if (pending_[i].action != OperatorAction::kDisarm || !is_due(pending_[i])) continue;
     // Whoever stops the machine means every arming that still waits, too.
+    forget_arming();
     for (std::size_t j = pending_count_; j-- > 0;) {
-      const OperatorAction action = pending_[j].action;
-      if (action == OperatorAction::kArm ||
-          (action == OperatorAction::kDisarm && is_due(pending_[j]))) {
-        forget_pending(j);
-      }
+      if (pending_[j].action == OperatorAction::kDisarm && is_due(pending_[j])) forget_pending(j);
     }
     return OperatorAction::kDisarm;
   }

@@ -133,6 +133,7 @@ class ControlLoop {
   control::OperatorAction take_action() noexcept;
   const control::ReferenceTrajectory* take_reference() noexcept;
   void forget_pending(std::size_t index) noexcept;
+  void forget_arming() noexcept;
 
   Bus& bus_;
   const control::ControllerConfig& config_;

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cstring>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -84,6 +85,9 @@ sigset_t stop_signals() {
   ::sigemptyset(&signals);
   ::sigaddset(&signals, SIGTERM);
   ::sigaddset(&signals, SIGINT);
+  // A terminal that closes or sends a quit: to the joint the same thing.
+  ::sigaddset(&signals, SIGHUP);
+  ::sigaddset(&signals, SIGQUIT);
   return signals;
 }
 
@@ -226,7 +230,7 @@ int run_daemon(const Options& options) {
 
   int signal_number = 0;
   ::sigwait(&signals, &signal_number);
-  spdlog::info("{}: bringing the joint to rest", signal_number == SIGINT ? "SIGINT" : "SIGTERM");
+  spdlog::info("{}: bringing the joint to rest", ::strsignal(signal_number));
   socket.stop();
   const std::uint64_t disarm_id = desk.disarm();
   wait_for_rest(*loop, disarm_id, config.safety.soft_stop_ramp_s, options.lockstep);

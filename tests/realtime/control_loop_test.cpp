@@ -154,6 +154,26 @@ TEST_F(ControlLoopTest, DisarmWinsOverEveryArmThatWaits) {
   EXPECT_EQ(loop_->newest().executed_command, 3u);
 }
 
+TEST_F(ControlLoopTest, AFaultCancelsTheArmingThatWasScheduled) {
+  open(0.001, true);
+  order(OperatorAction::kArm, 5);
+  order(OperatorAction::kReset, 300);
+  order(OperatorAction::kArm, 350);
+  for (int i = 0; i < 400; ++i) {
+    control::Frame frame = control::encode_encoder_frame(config_.encoder, 0.0, 0.0, counter_++, 0);
+    if (i >= 20 && i < 100) frame.length = 1;
+    put(frame);
+    if (i == 0) start();
+    command();
+  }
+  stop();
+  const auto all = records();
+  ASSERT_EQ(all.size(), 400u);
+  EXPECT_EQ(all[10].cycle.mode, Mode::kActive);
+  EXPECT_EQ(all[290].cycle.mode, Mode::kFault);
+  for (std::size_t i = 300; i < 400; ++i) EXPECT_EQ(all[i].cycle.mode, Mode::kDisarmed) << i;
+}
+
 TEST_F(ControlLoopTest, AReplacedTableGoesBackToItsOwner) {
   open(0.001, true);
   const std::vector<control::Reference> first(3), second(3);
