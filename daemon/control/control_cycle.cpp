@@ -1,6 +1,7 @@
 #include "control/control_cycle.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace eampc::control {
 
@@ -42,12 +43,22 @@ std::int32_t ControlCycle::elapsed_periods(const EncoderSample& sample) noexcept
     count_silent_period();
     return 1;
   }
-  // Frames that the counter misses and that no empty period was reported for.
+  // The encoder's counter is the time base: a period that was reported as empty and whose frame
+  // came late after all is not counted again. After a silence as long as the time-out, or without a
+  // counter, it says nothing.
   const auto lost =
       static_cast<std::int32_t>(std::min<std::uint32_t>(sample.missed_frames, kLongestCounterGap));
-  const std::int32_t unreported = std::max(0, lost - periods_without_sample_);
-  periods_without_sample_ = 0;
-  return 1 + unreported;
+  const bool counter_tells = config_.encoder.counter.present &&
+                             static_cast<double>(periods_without_sample_) * config_.model.period_s <
+                                 config_.safety.encoder_timeout_s;
+  const std::int32_t silent = std::exchange(periods_without_sample_, 0);
+  if (!counter_tells) {
+    periods_ahead_ = 0;
+    return 1 + std::max(0, lost - silent);
+  }
+  const std::int32_t due = 1 + lost - silent - periods_ahead_;
+  periods_ahead_ = std::max(0, -due);
+  return std::max(0, due);
 }
 
 CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
@@ -75,7 +86,10 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
   record.cycle = std::max<std::int64_t>(cycle_, 0);
   record.scenario_time_s = charge.scenario_time_s;
   record.sample = sample;
-  if (elapsed > 0) {
+  predicted_ |= elapsed > 0;
+  // A sample corrects the prediction for its own instant, once.
+  if (predicted_ && (elapsed > 0 || sample.verdict == SampleVerdict::kValid)) {
+    predicted_ = sample.verdict != SampleVerdict::kValid;
     state_ = state_estimator_.correct(sample);
     disturbance_ = disturbance_estimator_.update(state_);
   }

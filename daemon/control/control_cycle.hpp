@@ -81,7 +81,9 @@ class ControlCycle {
   double u_sent_ = 0.0;
   double u_on_valves_ = 0.0;
   std::int32_t periods_without_sample_ = 0;
-  bool duplicate_before_ = false;  // the last frame was a repetition already
+  std::int32_t periods_ahead_ = 0;  // counted as empty, their frames still to come by the counter
+  bool predicted_ = false;          // the state was predicted since its last correction
+  bool duplicate_before_ = false;   // the last frame was a repetition already
 };
 
 }  // namespace eampc::control

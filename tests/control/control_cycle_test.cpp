@@ -165,6 +165,36 @@ TEST_F(ControlCycleTest, PeriodsReportedAsEmptyAreNotCountedTwice) {
   EXPECT_DOUBLE_EQ(record.scenario_time_s, 8 * 0.005);
 }
 
+// A frame that came more than half a period late made an empty period and then its own: after each
+// the reference was one period ahead of the encoder, 8 mrad on a 0.5 Hz sine.
+TEST_F(ControlCycleTest, AFrameThatComesLateAfterItsEmptyPeriodDoesNotMoveTimeAgain) {
+  for (int i = 0; i < 20; ++i) step();
+  const std::int64_t before = step().cycle;
+  CycleInput nothing;
+  EXPECT_EQ(cycle_->step(nothing).record.cycle, before + 1);
+  const CycleRecord late = step();  // the counter has no gap
+  EXPECT_EQ(late.sample.missed_frames, 0u);
+  EXPECT_EQ(late.cycle, before + 1);
+  EXPECT_EQ(step().cycle, before + 2);
+
+  // Two empty periods, then both frames in a burst.
+  cycle_->step(nothing);
+  EXPECT_EQ(cycle_->step(nothing).record.cycle, before + 4);
+  EXPECT_EQ(step().cycle, before + 4);
+  EXPECT_EQ(step().cycle, before + 4);
+  EXPECT_EQ(step().cycle, before + 5);
+}
+
+TEST_F(ControlCycleTest, WithoutACounterEveryFrameIsAPeriod) {
+  joint_.config.encoder.counter.present = false;
+  rebuild();
+  for (int i = 0; i < 20; ++i) step();
+  const std::int64_t before = step().cycle;
+  CycleInput nothing;
+  cycle_->step(nothing);
+  EXPECT_EQ(step().cycle, before + 2);
+}
+
 TEST_F(ControlCycleTest, ALostFrameIsBridgedByTheModel) {
   set_reference(0.2);
   disturbance_ = 10.0;
