@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from eampc import _core, simulate
+from eampc import _core, law_design, simulate
 from eampc.errors import DesignError
 from eampc.law_design import design
 from eampc_rig import load_rig
@@ -163,3 +163,21 @@ def test_theorem_bound_is_the_compiled_one() -> None:
     assert rig.tightening.kind == "theorem"
     assert np.allclose(epsilon, expected[:, None], rtol=1e-9)
     assert _core.DesignError is not DesignError
+
+
+def test_bounds_at_every_stage_have_no_small_law() -> None:
+    """Sampling shows some hundred first moves; exploration shows why stage_step is there.
+
+    In the ready parameter box there are 26,401 critical regions with an unsaturated first move.
+    """
+    rig = load_rig(RIGS / "reference", overrides={"constraints.stage_step": 1})
+    model, sampled = law_design._model(rig)
+    tightening = law_design._tightening(rig, model)
+    condensed = law_design._condensed(rig, sampled, tightening, law_design.parameter_box(rig))
+    problem = {
+        name: np.ascontiguousarray(getattr(condensed, name))
+        for name in ("H", "F", "f", "G", "w", "S", "lower", "upper")
+    }
+    output = law_design._output(condensed, rig.control_max)
+    with pytest.raises(RuntimeError, match="5000"):
+        _core.solve_mpqp(**problem, output=output, max_regions=5000)
