@@ -139,7 +139,7 @@ void Safety::obey(OperatorAction action) noexcept {
 
 SafetyState Safety::advance(const SafetyInput& input) noexcept {
   entered_active_ = false;
-  repeated_ = input.elapsed_periods == 0;
+  same_period_ = input.elapsed_periods == 0;
   // Frames that only the counter misses were a silence like any other.
   const bool ends_a_silence =
       input.verdict == SampleVerdict::kValid &&
@@ -213,6 +213,9 @@ SafetyDecision Safety::decide(const StateEstimate& state, const DisturbanceEstim
       raise(Fault::kNotFinite);
     }
   }
+  // A second command in one period must not double the rate: it stays within one step of the
+  // period's beginning as well as of the command before it. From a disabled node there is no step.
+  if (!same_period_ || !last_.enable) period_start_ = last_;
   ValveVoltages& wanted = decision.demand.voltages;
   switch (mode_) {
     case Mode::kActive:
@@ -236,11 +239,9 @@ SafetyDecision Safety::decide(const StateEstimate& state, const DisturbanceEstim
       return decision;
   }
 
-  if (repeated_ && last_.enable) {
-    wanted = last_;  // no period passed: a second slew step in this one would double the rate
-  }
   const double slew_V = valve.slew_max_V_per_s * config_.model.period_s;
-  const auto guard = [&](double& voltage_V, double last_V, VoltageWindow& window) noexcept {
+  const auto guard = [&](double& voltage_V, double start_V, double last_V,
+                         VoltageWindow& window) noexcept {
     if (!std::isfinite(voltage_V)) {
       voltage_V = last_V;  // unreachable after the check above; kept because it is the last line
                            // before the wire
@@ -249,14 +250,15 @@ SafetyDecision Safety::decide(const StateEstimate& state, const DisturbanceEstim
       decision.limits |= kLimitControlRange;
       voltage_V = std::clamp(voltage_V, valve.min_V, valve.max_V);
     }
-    window = {std::max(valve.min_V, last_V - slew_V), std::min(valve.max_V, last_V + slew_V)};
+    window = {std::max(valve.min_V, std::max(start_V, last_V) - slew_V),
+              std::min(valve.max_V, std::min(start_V, last_V) + slew_V)};
     if (voltage_V < window.lower_V || voltage_V > window.upper_V) {
       decision.limits |= kLimitSlewRate;
       voltage_V = std::clamp(voltage_V, window.lower_V, window.upper_V);
     }
   };
-  guard(wanted.u1_V, last_.u1_V, decision.demand.u1);
-  guard(wanted.u2_V, last_.u2_V, decision.demand.u2);
+  guard(wanted.u1_V, period_start_.u1_V, last_.u1_V, decision.demand.u1);
+  guard(wanted.u2_V, period_start_.u2_V, last_.u2_V, decision.demand.u2);
   return decision;
 }
 

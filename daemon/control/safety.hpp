@@ -22,8 +22,9 @@ struct SafetyInput {
   SampleVerdict verdict = SampleVerdict::kMissing;
   OperatorAction action = OperatorAction::kNone;
   bool send_failed = false;
-  std::int32_t elapsed_periods =
-      1;  // 0: a repeated frame; more than 1: the counter told of lost frames
+  // 0: a repeated frame, or one whose period was already counted as empty; more than 1: the counter
+  // told of lost frames.
+  std::int32_t elapsed_periods = 1;
 };
 
 struct SafetyState {
@@ -75,12 +76,13 @@ class Safety {
   Mode mode_ = Mode::kInit;
   Fault fault_ = Fault::kNone;
   bool entered_active_ = false;
-  bool repeated_ = false;  // this cycle belongs to the period of the last one
+  bool same_period_ = false;  // no period passed since the last command
   std::int64_t active_periods_ = 0;
   Phase phase_ = Phase::kToBias;
   std::int32_t ramp_period_ = 0;  // 1 in the first cycle of a ramp
   ValveVoltages ramp_start_;
   ValveVoltages last_;
+  ValveVoltages period_start_;  // last_ when the present period began
   std::int32_t periods_without_sample_ = 0;
   bool invalid_frame_since_sample_ = false;
   std::int32_t refused_frames_ = 0;

@@ -185,6 +185,19 @@ TEST_F(ControlCycleTest, AFrameThatComesLateAfterItsEmptyPeriodDoesNotMoveTimeAg
   EXPECT_EQ(step().cycle, before + 5);
 }
 
+TEST_F(ControlCycleTest, ALateFrameStillDecidesTheCommand) {
+  step(OperatorAction::kArm);
+  for (int i = 0; i < 100; ++i) step();
+  CycleInput nothing;
+  const CycleRecord empty = cycle_->step(nothing).record;
+  ASSERT_EQ(empty.mode, Mode::kActive);
+  plant_->x[0] += 0.02;  // what only the late measurement knows
+  const CycleRecord late = step();
+  EXPECT_EQ(late.cycle, empty.cycle);
+  EXPECT_LT(late.valves.u1_V, empty.valves.u1_V - 0.05);
+  EXPECT_GT(late.valves.u2_V, empty.valves.u2_V + 0.05);
+}
+
 TEST_F(ControlCycleTest, WithoutACounterEveryFrameIsAPeriod) {
   joint_.config.encoder.counter.present = false;
   rebuild();
