@@ -4,6 +4,7 @@
 namespace eampc::law_design {
 
 void bind_mpqp(nanobind::module_& m);
+void bind_law_tables(nanobind::module_& m);
 void bind_model(nanobind::module_& m);
 void bind_control(nanobind::module_& m);
 void bind_simulation(nanobind::module_& m);
@@ -13,6 +14,7 @@ void bind_simulation(nanobind::module_& m);
 NB_MODULE(_core, m) {
   m.doc() = "Offline core of eampc: model, condensed problem, explicit law, simulated closed loop.";
   eampc::law_design::bind_mpqp(m);
+  eampc::law_design::bind_law_tables(m);
   eampc::law_design::bind_model(m);
   eampc::law_design::bind_control(m);
   eampc::law_design::bind_simulation(m);
