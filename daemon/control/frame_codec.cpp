@@ -1,5 +1,6 @@
 #include "control/frame_codec.hpp"
 
+#include <bit>
 #include <cmath>
 
 namespace eampc::control {
@@ -20,17 +21,62 @@ std::uint64_t mask_of(int length) noexcept {
   return length >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << length) - 1;
 }
 
-std::uint8_t crc_step(std::uint8_t crc, std::uint8_t byte) noexcept {
-  constexpr std::uint8_t kPolynomial = 0x1D;
-  crc = static_cast<std::uint8_t>(crc ^ byte);
-  for (int bit = 0; bit < 8; ++bit) {
-    const bool carry = (crc & 0x80) != 0;
-    crc = static_cast<std::uint8_t>(crc << 1);
-    if (carry) {
-      crc = static_cast<std::uint8_t>(crc ^ kPolynomial);
-    }
+// 2^length of 1..64, exact.
+double power_of_two(int length) noexcept {
+  return 2.0 * static_cast<double>(std::uint64_t{1} << (length - 1));
+}
+
+// The frame as one number in which every signal of this byte order is a run of bits: its first byte
+// is the least significant one for Intel, the most significant one for Motorola.
+std::uint64_t word_of(const FrameData& data, bool little_endian) noexcept {
+  if (little_endian && std::endian::native == std::endian::little) {
+    return std::bit_cast<std::uint64_t>(data);
   }
-  return crc;
+  std::uint64_t word = 0;
+  for (int byte = 0; byte < 8; ++byte) {
+    word |= static_cast<std::uint64_t>(data[static_cast<std::size_t>(byte)])
+            << (little_endian ? 8 * byte : 56 - 8 * byte);
+  }
+  return word;
+}
+
+void set_word(FrameData& data, bool little_endian, std::uint64_t word) noexcept {
+  if (little_endian && std::endian::native == std::endian::little) {
+    data = std::bit_cast<FrameData>(word);
+    return;
+  }
+  for (int byte = 0; byte < 8; ++byte) {
+    data[static_cast<std::size_t>(byte)] =
+        static_cast<std::uint8_t>(word >> (little_endian ? 8 * byte : 56 - 8 * byte));
+  }
+}
+
+// How far the signal's least significant bit lies above bit 0 of that number.
+int shift_of(const SignalLayout& layout) noexcept {
+  return layout.little_endian
+             ? layout.start_bit
+             : 56 - 8 * (layout.start_bit / 8) + layout.start_bit % 8 - (layout.length - 1);
+}
+
+constexpr std::uint8_t crc_of_byte(std::uint8_t byte) noexcept {
+  constexpr int kPolynomial = 0x1D;
+  int crc = byte;
+  for (int bit = 0; bit < 8; ++bit) {
+    crc = (crc << 1) ^ ((crc & 0x80) != 0 ? kPolynomial : 0);
+  }
+  return static_cast<std::uint8_t>(crc & 0xFF);
+}
+
+constexpr std::array<std::uint8_t, 256> kCrcTable = [] {
+  std::array<std::uint8_t, 256> table{};
+  for (std::size_t byte = 0; byte < table.size(); ++byte) {
+    table[byte] = crc_of_byte(static_cast<std::uint8_t>(byte));
+  }
+  return table;
+}();
+
+std::uint8_t crc_step(std::uint8_t crc, std::uint8_t byte) noexcept {
+  return kCrcTable[static_cast<std::size_t>(crc ^ byte)];
 }
 
 }  // namespace
@@ -59,34 +105,22 @@ std::uint64_t occupied_bits(const SignalLayout& layout) noexcept {
 }
 
 std::uint64_t extract_bits(const FrameData& data, const SignalLayout& layout) noexcept {
-  std::uint64_t raw = 0;
-  for (int i = 0; i < layout.length; ++i) {
-    const int position = bit_position(layout, i);
-    const std::uint64_t bit =
-        (static_cast<std::uint64_t>(data[static_cast<std::size_t>(position / 8)]) >>
-         (position % 8)) &
-        1u;
-    raw |= bit << (layout.little_endian ? i : layout.length - 1 - i);
-  }
-  return raw;
+  return (word_of(data, layout.little_endian) >> shift_of(layout)) & mask_of(layout.length);
 }
 
 void insert_bits(FrameData& data, const SignalLayout& layout, std::uint64_t raw) noexcept {
-  for (int i = 0; i < layout.length; ++i) {
-    const int position = bit_position(layout, i);
-    const std::uint64_t bit = (raw >> (layout.little_endian ? i : layout.length - 1 - i)) & 1u;
-    std::uint8_t& byte = data[static_cast<std::size_t>(position / 8)];
-    const int mask = 1 << (position % 8);
-    byte = static_cast<std::uint8_t>(bit != 0 ? (byte | mask) : (byte & ~mask));
-  }
+  const int shift = shift_of(layout);
+  const std::uint64_t mask = mask_of(layout.length);
+  const std::uint64_t word = word_of(data, layout.little_endian);
+  set_word(data, layout.little_endian, (word & ~(mask << shift)) | ((raw & mask) << shift));
 }
 
 double raw_minimum(const SignalLayout& layout) noexcept {
-  return layout.is_signed ? -std::ldexp(1.0, layout.length - 1) : 0.0;
+  return layout.is_signed ? -0.5 * power_of_two(layout.length) : 0.0;
 }
 
 double raw_maximum(const SignalLayout& layout) noexcept {
-  return std::ldexp(1.0, layout.is_signed ? layout.length - 1 : layout.length) - 1.0;
+  return (layout.is_signed ? 0.5 : 1.0) * power_of_two(layout.length) - 1.0;
 }
 
 double physical_of_raw(const SignalLayout& layout, std::uint64_t raw) noexcept {
@@ -124,7 +158,7 @@ std::uint64_t nearest_raw(const SignalLayout& layout, double physical) noexcept 
   if (counts <= 0.0) {
     return 0;
   }
-  if (counts >= std::ldexp(1.0, layout.length)) {
+  if (counts >= power_of_two(layout.length)) {
     return mask;
   }
   return static_cast<std::uint64_t>(counts);

@@ -1,7 +1,7 @@
 // Signals and checksum of one classic CAN frame. In: 8 bytes, a layout → out: raw counts or a
 // physical value. Intel signals start at their least significant bit, Motorola signals at their
-// most significant bit (DBC). Cost: one step per bit of a signal, at most 64. Absent: value tables,
-// multiplexing, float signals.
+// most significant bit (DBC). Cost: constant per signal, one table look-up per byte of a checksum.
+// Absent: value tables, multiplexing, float signals.
 #pragma once
 
 #include <array>
