@@ -13,6 +13,7 @@ from eampc import (
     commands_design,
     commands_emulate,
     commands_hil,
+    commands_mpqp,
     commands_operator,
     commands_telemetry,
 )
@@ -54,6 +55,7 @@ commands_hil.register(app)
 commands_emulate.register(app)
 commands_operator.register(app)
 commands_telemetry.register(app)
+commands_mpqp.register(app)
 
 
 def main() -> None:

@@ -34,6 +34,7 @@ CriticalRegion in_problem_units(const LeastDistanceForm& form, const ExploredReg
     region.facet_offsets(i) =
         facets.offset(i) / norm + region.facet_normals.row(i).dot(form.centre);
   }
+  region.facet_kinds = explored.facet_kinds;
   region.neighbours = explored.neighbours;
   const Eigen::Map<const Eigen::VectorXd> centre(explored.polytope.centre.data(), np);
   region.interior = form.centre + centre.cwiseProduct(form.half_width);

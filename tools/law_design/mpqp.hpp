@@ -10,9 +10,12 @@
 
 #include <Eigen/Dense>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <vector>
+
+#include "law_design/region_location.hpp"
 
 namespace eampc::law_design {
 
@@ -39,8 +42,9 @@ struct CriticalRegion {
   Eigen::MatrixXd gain;         ///< U(p) = gain·p + offset, n×np
   Eigen::VectorXd offset;       ///< n
   Eigen::MatrixXd facet_normals;  ///< k×np, unit rows: facet_normals·p ≤ facet_offsets, irredundant
-  Eigen::VectorXd facet_offsets;  ///< k
-  /// Regions met across each facet; empty for facets of the parameter set.
+  Eigen::VectorXd facet_offsets;       ///< k
+  std::vector<FacetKind> facet_kinds;  ///< k
+  /// Regions across each facet; empty unless FacetKind::kInner.
   std::vector<std::vector<int>> neighbours;
   Eigen::VectorXd interior;  ///< centre of the largest ball in the box scaled to ±1
   double radius = 0.0;       ///< of that ball, in the same scale
@@ -73,7 +77,10 @@ struct MpQpOptions {
   unsigned seed = 1;
   /// More regions than this are an error: the law would be too large to use.
   int max_regions = 200000;
-  /// Called now and then with (regions explored, regions found); false cancels.
+  int threads = 0;  ///< 0: one per core. The solution does not depend on it.
+  double time_limit_s = std::numeric_limits<double>::infinity();
+  /// Called now and then, by the calling thread only, with (regions explored, regions found); false
+  /// cancels.
   std::function<bool(int, int)> progress;
 };
 
@@ -89,9 +96,14 @@ struct Cancelled : std::runtime_error {
   Cancelled() : std::runtime_error("cancelled by the caller") {}
 };
 
+/// MpQpOptions::time_limit_s is over.
+struct TimeLimit : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
 /// Solves the problem. Throws std::invalid_argument for a problem that is not strictly convex, has
-/// inconsistent shapes or no feasible parameter; std::runtime_error if coverage cannot be reached;
-/// Cancelled if `progress` returned false.
+/// inconsistent shapes or no feasible parameter; TimeLimit; std::runtime_error if the regions
+/// cannot be proved to cover the feasible parameters; Cancelled if `progress` returned false.
 MpQpSolution solve_mpqp(const MpQp& problem, const MpQpOptions& options = {});
 
 }  // namespace eampc::law_design

@@ -153,6 +153,12 @@ RegionExplorer::Built RegionExplorer::build(const std::vector<int>& active, doub
     return Built::kFlat;
   }
   region.neighbours.assign(region.polytope.labels.size(), {});
+  region.facet_kinds.clear();
+  for (const int label : region.polytope.labels) {
+    region.facet_kinds.push_back(label == kBoxLabel         ? FacetKind::kBox
+                                 : label == kParameterLabel ? FacetKind::kParameterRow
+                                                            : FacetKind::kInner);
+  }
   return Built::kFull;
 }
 

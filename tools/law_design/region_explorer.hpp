@@ -17,6 +17,7 @@ struct ExploredRegion {
   std::vector<int> active;         ///< rows of the least-distance form, ascending
   LeastDistanceForm::RowMatrix z;  ///< z = z·(q, 1), n×(np+1)
   Polytope polytope;               ///< in q; labels are rows of the form, kBoxLabel or below
+  std::vector<FacetKind> facet_kinds;        ///< per facet
   std::vector<std::vector<int>> neighbours;  ///< per facet
 };
 
