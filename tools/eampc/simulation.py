@@ -101,7 +101,7 @@ def simulate(
         raise UserError(f"{law!r} was designed for the rig {designed_for}, not {rig.rig.name}")
     columns = _core.simulate(
         law.checked,
-        plant=_plant(rig),
+        plant=simulated_plant(rig),
         disturbance=[term.model_dump() for term in run.disturbance],
         duration_s=run.duration_s,
         arm_at_cycle=arm_at_cycle,
@@ -112,7 +112,8 @@ def simulate(
     )
 
 
-def _plant(rig: Rig) -> dict[str, object]:
+def simulated_plant(rig: Rig) -> dict[str, object]:
+    """The `plant` argument of `_core.simulate` and of what else runs the compiled joint."""
     emulator, valve = rig.emulator, rig.valve
     return {
         **rig.joint.model_dump(),
