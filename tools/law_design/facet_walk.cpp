@@ -1,0 +1,430 @@
+#include "law_design/facet_walk.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdio>
+
+namespace eampc::law_design {
+namespace {
+
+using Eigen::Index;
+using Kind = FacetWalkResult::Kind;
+
+// More flat active sets than this behind one facet are not a gap but a mistake.
+constexpr int kDeepest = 24;
+// Coefficients of a dependent row below this count as zero.
+constexpr double kZero = 1e-10;
+
+std::size_t index(Index i) { return static_cast<std::size_t>(i); }
+
+std::vector<int> with(std::vector<int> active, int row) {
+  active.insert(std::lower_bound(active.begin(), active.end(), row), row);
+  return active;
+}
+
+std::vector<int> without(std::vector<int> active, int row) {
+  active.erase(std::find(active.begin(), active.end(), row));
+  return active;
+}
+
+bool holds(const std::vector<int>& active, int row) {
+  return std::binary_search(active.begin(), active.end(), row);
+}
+
+std::size_t position(const std::vector<int>& active, int row) {
+  return static_cast<std::size_t>(std::lower_bound(active.begin(), active.end(), row) -
+                                  active.begin());
+}
+
+std::string names(const std::vector<int>& active) {
+  std::string text = "{";
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    text += (i > 0 ? ", " : "") + std::to_string(active[i]);
+  }
+  return text + "}";
+}
+
+// Unit plane −a·q + b ≥ 0 as (a, −b), from a condition; false if it is constant.
+bool unit_plane(const double* form, int np, std::array<double, kMaxDimension + 1>& plane) {
+  double norm = 0.0;
+  for (int c = 0; c < np; ++c) norm += form[c] * form[c];
+  norm = std::sqrt(norm);
+  if (norm == 0.0) return false;
+  for (int c = 0; c <= np; ++c) plane[index(c)] = -form[c] / norm;
+  return true;
+}
+
+}  // namespace
+
+std::size_t ActiveSetHash::operator()(const std::vector<int>& active) const {
+  std::size_t hash = 1469598103934665603U;  // FNV-1a
+  for (const int row : active) {
+    hash ^= static_cast<std::size_t>(row) + 1U;
+    hash *= 1099511628211U;
+  }
+  return hash;
+}
+
+FacetWalk::FacetWalk(const CertificateProblem& problem, const std::vector<CertifiedRegion>& regions,
+                     const ActiveSetIndex& known)
+    : problem_(problem),
+      regions_(regions),
+      index_(known),
+      radius_(problem.parameters),
+      height_(problem.parameters) {
+  radius_.set_bounds(problem.parameters - 1, -4.0, 2.0);
+  height_.set_bounds(problem.parameters - 1, 0.0, 4.0);
+}
+
+long FacetWalk::lp_count() const { return radius_.count() + height_.count(); }
+
+RegionCertifier& FacetWalk::certifier(int depth) {
+  while (std::ssize(certifiers_) <= depth) {
+    certifiers_.push_back(std::make_unique<RegionCertifier>(problem_));
+  }
+  return *certifiers_[index(depth)];
+}
+
+// Adds form·(q, 1) ≥ 0, restricted to the plane.
+void FacetWalk::append(Piece& piece, const long double* form) const {
+  const int np = problem_.parameters;
+  const int out = plane_.eliminated;
+  const long double factor = form[out] / plane_.normal[index(out)];
+  Point normal{};
+  long double norm = 0.0L;
+  for (int j = 0, at = 0; j < np; ++j) {
+    if (j == out) continue;
+    const long double a = -(form[j] - factor * plane_.normal[index(j)]);
+    norm += a * a;
+    normal[index(at++)] = static_cast<double>(a);
+  }
+  const long double b = form[np] + factor * plane_.offset;
+  norm = std::sqrt(norm);
+  long double scale = 0.0L;
+  for (int j = 0; j <= np; ++j) scale = std::max(scale, std::abs(form[j]));
+  if (norm <= 1e-14L * scale) {
+    if (b < -1e-12L * scale) piece.empty = true;
+    return;
+  }
+  for (double& a : normal) a = static_cast<double>(a / norm);
+  piece.rows.append(normal.data(), static_cast<double>(b / norm));
+}
+
+double FacetWalk::piece_radius(const Piece& piece) {
+  if (piece.empty) return -1.0;
+  const int n = problem_.parameters - 1;
+  HalfSpaces rows(n + 1);
+  Point a{};
+  for (int i = 0; i < piece.rows.size(); ++i) {
+    piece.rows.copy_normal(i, a.data());
+    a[index(n)] = 1.0;
+    rows.append(a.data(), piece.rows.offset(i));
+  }
+  for (int side = 0; side < 2 * n; ++side) {
+    a.fill(0.0);
+    a[index(side / 2)] = side % 2 == 0 ? 1.0 : -1.0;
+    a[index(n)] = 1.0;
+    rows.append(a.data(), 1.0);
+  }
+  a.fill(0.0);
+  a[index(n)] = 1.0;
+  const LpResult ball = radius_.maximise(a.data(), rows);
+  if (ball.status == LpStatus::kInfeasible) return -1.0;
+  return ball.status == LpStatus::kOptimal ? ball.value : 1.0;  // not decided: not thin
+}
+
+// Longest way along the facet's normal from a point of the piece to the first condition.
+double FacetWalk::gap_thickness(const Piece& piece, const ExtendedMatrix& forms) {
+  const int np = problem_.parameters;
+  HalfSpaces rows(np);
+  Point a{};
+  for (int i = 0; i < piece.rows.size(); ++i) {
+    a.fill(0.0);
+    piece.rows.copy_normal(i, a.data());
+    rows.append(a.data(), piece.rows.offset(i));
+  }
+  const int out = plane_.eliminated;
+  for (Index k = 0; k < forms.rows(); ++k) {
+    long double rise = 0.0L;
+    for (int j = 0; j < np; ++j) rise += forms(k, j) * plane_.normal[index(j)];
+    const long double factor = forms(k, out) / plane_.normal[index(out)];
+    long double norm = rise * rise;
+    a.fill(0.0);
+    for (int j = 0, at = 0; j < np; ++j) {
+      if (j == out) continue;
+      const long double slope = -(forms(k, j) - factor * plane_.normal[index(j)]);
+      norm += slope * slope;
+      a[index(at++)] = static_cast<double>(slope);
+    }
+    a[index(np - 1)] = static_cast<double>(-rise);
+    norm = std::sqrt(norm);
+    if (norm == 0.0L) continue;
+    for (double& x : a) x = static_cast<double>(x / norm);
+    const long double b = forms(k, np) + factor * plane_.offset;
+    // At the foot the condition holds; what it misses there is rounding.
+    rows.append(a.data(), std::max(static_cast<double>(b / norm), -1.0));
+  }
+  a.fill(0.0);
+  a[index(np - 1)] = 1.0;
+  const LpResult height = height_.maximise(a.data(), rows);
+  if (height.status == LpStatus::kInfeasible) return 0.0;
+  return height.status == LpStatus::kOptimal ? height.value : 4.0;
+}
+
+void FacetWalk::compare(const CertifiedRegion& from, const CertifiedRegion& to,
+                        std::span<const double> plane, int row, int leaving,
+                        std::span<const double> coefficients, FacetWalkResult& result) const {
+  const int np = problem_.parameters;
+  const std::size_t width = index(np + 1);
+  // The plane as the other region has it: its condition `leaving` (a slack), or `row`.
+  const int other = leaving >= 0 ? leaving : row;
+  AffineForm form{};
+  if (holds(to.independent, other)) {
+    const double* lambda = to.lambda.data() + position(to.independent, other) * width;
+    std::copy(lambda, lambda + width, form.begin());
+  } else {
+    form = certifiers_.front()->slack(to, other);
+  }
+  std::array<double, kMaxDimension + 1> seen{};
+  if (!unit_plane(form.data(), np, seen)) {
+    result.plane_mismatch = 2.0;
+    return;
+  }
+  double squared = 0.0;
+  for (std::size_t c = 0; c < width; ++c) {
+    result.plane_mismatch = std::max(result.plane_mismatch, std::abs(seen[c] + plane[c]));
+    squared += plane[c] * plane[c];
+  }
+  // Largest coefficient sum of a difference after the best multiple of the plane is taken out.
+  const auto residual = [&](const auto& difference) {
+    double along = 0.0;
+    for (std::size_t c = 0; c < width; ++c) along += difference(c) * plane[c];
+    along /= squared;
+    double sum = 0.0;
+    for (std::size_t c = 0; c < width; ++c) sum += std::abs(difference(c) - along * plane[c]);
+    return sum;
+  };
+  double size = 1e-300;
+  double worst = 0.0;
+  for (std::size_t i = 0; i < from.z.size(); i += width) {
+    for (std::size_t c = 0; c < width; ++c) {
+      size = std::max({size, std::abs(from.z[i + c]), std::abs(to.z[i + c])});
+    }
+    worst = std::max(worst, residual([&](std::size_t c) { return to.z[i + c] - from.z[i + c]; }));
+  }
+  double lambda_size = 1e-300;
+  double lambda_worst = 0.0;
+  const double* entering = nullptr;  // multiplier of the row that came in for `leaving`
+  if (leaving >= 0) entering = to.lambda.data() + position(to.independent, row) * width;
+  for (std::size_t a = 0; a < from.independent.size(); ++a) {
+    const int k = from.independent[a];
+    if (!holds(to.independent, k)) continue;
+    const double* mine = from.lambda.data() + a * width;
+    const double* theirs = to.lambda.data() + position(to.independent, k) * width;
+    const double share = entering != nullptr ? coefficients[a] : 0.0;
+    for (std::size_t c = 0; c < width; ++c) {
+      lambda_size = std::max({lambda_size, std::abs(mine[c]), std::abs(theirs[c])});
+    }
+    lambda_worst = std::max(lambda_worst, residual([&](std::size_t c) {
+                              const double in = entering != nullptr ? share * entering[c] : 0.0;
+                              return theirs[c] - mine[c] + in;
+                            }));
+  }
+  if (worst > 0.0) result.law_mismatch = std::max(result.law_mismatch, worst / size);
+  if (lambda_worst > 0.0) {
+    result.law_mismatch = std::max(result.law_mismatch, lambda_worst / lambda_size);
+  }
+  result.jump =
+      std::max(result.jump, residual([&](std::size_t c) { return to.output[c] - from.output[c]; }));
+}
+
+void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<int>& active,
+                      int row, const Piece& piece, FacetWalkResult& result) {
+  const double radius = piece_radius(piece);
+  if (radius <= kSliver) {
+    if (radius > 0.0) ++result.slivers;
+    return;
+  }
+  const std::string where =
+      "across condition " + std::to_string(row) + " of the active set " + names(from.independent);
+  CertifiedRegion gap;
+  RegionCertifier& here = certifier(depth);
+  if (!here.solve(active, gap) || gap.independent.size() != active.size()) {
+    result.failure = "no active set fits " + where;
+    return;
+  }
+  const ExtendedMatrix forms = here.forms();
+  const double thickness = gap_thickness(piece, forms);
+  if (thickness > kThickest || depth > kDeepest) {
+    char text[80];
+    std::snprintf(text, sizeof text, "a hole at least %.2g thick (of the half box) lies ",
+                  thickness);
+    result.failure =
+        text + where + ": the region of the active set " + names(active) + " is not in the list";
+    return;
+  }
+  result.thickness = std::max(result.thickness, thickness);
+  // Heights t_k(x) = r_k(x)/fall at which the conditions vanish above the piece.
+  const int np = problem_.parameters;
+  std::vector<int> exits;
+  std::vector<std::vector<long double>> heights;
+  for (Index k = 0; k < forms.rows() + 2 * np; ++k) {
+    std::vector<long double> form(index(np + 1));
+    if (k < forms.rows()) {
+      if (problem_.first_equal[index(k)] != k) continue;
+      for (Index c = 0; c <= np; ++c) form[index(c)] = forms(k, c);
+    } else {
+      const Index side = k - forms.rows();
+      form[index(side / 2)] = side % 2 == 0 ? -1.0L : 1.0L;
+      form[index(np)] = 1.0L;
+    }
+    long double fall = 0.0L;
+    long double scale = 0.0L;
+    for (int j = 0; j < np; ++j) {
+      fall -= form[index(j)] * plane_.normal[index(j)];
+      scale = std::max(scale, std::abs(form[index(j)]));
+    }
+    if (fall <= 1e-13L * scale) continue;
+    for (long double& c : form) c /= fall;
+    exits.push_back(k < forms.rows() ? static_cast<int>(k) : -1);
+    heights.push_back(std::move(form));
+  }
+  bool left = false;
+  for (std::size_t e = 0; e < exits.size(); ++e) {
+    Piece part = piece;
+    for (std::size_t other = 0; other < exits.size() && !part.empty; ++other) {
+      if (other == e) continue;
+      std::vector<long double> difference(index(np + 1));
+      for (std::size_t c = 0; c < difference.size(); ++c) {
+        difference[c] = heights[other][c] - heights[e][c];
+      }
+      append(part, difference.data());
+    }
+    if (piece_radius(part) <= kSliver) continue;
+    left = true;
+    if (exits[e] < 0) continue;  // the box ends here
+    leave(gap, depth, exits[e], part, result);
+    if (!result.failure.empty()) return;
+  }
+  if (!left) ++result.slivers;
+  result.gaps.push_back(gap);
+}
+
+void FacetWalk::leave(const CertifiedRegion& from, int depth, int row, const Piece& piece,
+                      FacetWalkResult& result) {
+  RegionCertifier& here = certifier(depth);
+  const ExtendedMatrix forms = here.forms();
+  const int np = problem_.parameters;
+  std::array<double, kMaxDimension + 1> form{}, plane{};
+  for (Index c = 0; c <= np; ++c) form[index(c)] = static_cast<double>(forms(row, c));
+  if (!unit_plane(form.data(), np, plane)) {
+    result.failure = "a condition that does not depend on the parameters was crossed";
+    return;
+  }
+  const std::span<const double> seen(plane.data(), index(np + 1));
+  std::vector<double> c;
+  if (holds(from.independent, row) || !here.depends(row, &c)) {
+    const std::vector<int> next =
+        holds(from.independent, row) ? without(from.independent, row) : with(from.independent, row);
+    const auto found = index_.find(next);
+    if (found != index_.end()) {
+      compare(from, regions_[index(found->second)], seen, row, -1, {}, result);
+    } else {
+      enter(from, depth + 1, next, row, piece, result);
+    }
+    return;
+  }
+  std::vector<std::size_t> candidates;
+  for (std::size_t i = 0; i < c.size(); ++i) {
+    if (c[i] > kZero) candidates.push_back(i);
+  }
+  if (candidates.empty()) {
+    if (result.kind != Kind::kFailed) result.kind = Kind::kInfeasible;
+    return;
+  }
+  for (const std::size_t i : candidates) {
+    const std::vector<int> next = with(without(from.independent, from.independent[i]), row);
+    const auto found = index_.find(next);
+    if (found != index_.end()) {
+      compare(from, regions_[index(found->second)], seen, row, from.independent[i], c, result);
+      continue;
+    }
+    Piece part = piece;
+    for (const std::size_t k : candidates) {
+      if (k == i) continue;
+      std::vector<long double> difference(index(np + 1));
+      for (Index column = 0; column <= np; ++column) {
+        difference[index(column)] =
+            forms(from.independent[k], column) / static_cast<long double>(c[k]) -
+            forms(from.independent[i], column) / static_cast<long double>(c[i]);
+      }
+      append(part, difference.data());
+    }
+    enter(from, depth + 1, next, row, part, result);
+    if (!result.failure.empty()) return;
+  }
+}
+
+FacetWalkResult FacetWalk::cross(int region, int facet) {
+  const CertifiedRegion& from = regions_[index(region)];
+  const HalfSpaces& facets = from.polytope.facets;
+  const int np = problem_.parameters;
+  FacetWalkResult result;
+  const int row = from.polytope.labels[index(facet)];
+  certifier(0);
+  const bool active = holds(from.independent, row);
+  const auto flip =
+      index_.find(active ? without(from.independent, row) : with(from.independent, row));
+  if (flip != index_.end()) {
+    std::array<double, kMaxDimension + 1> plane{};
+    facets.copy_normal(facet, plane.data());
+    plane[index(np)] = -facets.offset(facet);
+    result.kind = Kind::kMatched;
+    compare(from, regions_[index(flip->second)], {plane.data(), index(np + 1)}, row, -1, {},
+            result);
+  } else {
+    if (solved_ != region) {
+      certifier(0).solve(from.independent, first_);
+      solved_ = region;
+    }
+    facets.copy_normal(facet, plane_.normal.data());
+    plane_.offset = facets.offset(facet);
+    plane_.eliminated = 0;
+    for (int j = 1; j < np; ++j) {
+      if (std::abs(plane_.normal[index(j)]) > std::abs(plane_.normal[index(plane_.eliminated)])) {
+        plane_.eliminated = j;
+      }
+    }
+    Piece piece;
+    piece.rows = HalfSpaces(np - 1);
+    std::vector<long double> form(index(np + 1));
+    for (int i = 0; i < facets.size(); ++i) {
+      if (i == facet) continue;
+      for (int j = 0; j < np; ++j) form[index(j)] = -facets.normal(i, j);
+      form[index(np)] = facets.offset(i);
+      append(piece, form.data());
+    }
+    // The eliminated coordinate keeps to the box too.
+    for (const double side : {1.0, -1.0}) {
+      std::fill(form.begin(), form.end(), 0.0L);
+      form[index(plane_.eliminated)] = side;
+      form[index(np)] = 1.0L;
+      append(piece, form.data());
+    }
+    result.kind = Kind::kWalked;
+    leave(from, 0, row, piece, result);
+  }
+  if (result.failure.empty() &&
+      std::max({result.plane_mismatch, result.law_mismatch}) > kAgreement) {
+    char text[120];
+    std::snprintf(text, sizeof text,
+                  "planes or laws differ by %.2g across condition %d of the active set ",
+                  std::max(result.plane_mismatch, result.law_mismatch), row);
+    result.failure = text + names(from.independent);
+  }
+  if (!result.failure.empty()) result.kind = Kind::kFailed;
+  return result;
+}
+
+}  // namespace eampc::law_design
