@@ -16,6 +16,7 @@ from eampc import (
     commands_mpqp,
     commands_operator,
     commands_telemetry,
+    commands_verify,
 )
 from eampc.errors import UserError
 
@@ -55,6 +56,7 @@ commands_hil.register(app)
 commands_emulate.register(app)
 commands_operator.register(app)
 commands_telemetry.register(app)
+commands_verify.register(app)
 commands_mpqp.register(app)
 
 

@@ -94,11 +94,8 @@ def simulate(
     require_rig(rig)
     if not isinstance(law, Law):
         law = load_law(law)
-    _refuse_what_is_not_simulated(rig)
     run = rig.scenario(scenario)
-    designed_for = law.payload["rig"]["name"]
-    if designed_for != rig.rig.name:
-        raise UserError(f"{law!r} was designed for the rig {designed_for}, not {rig.rig.name}")
+    require_law_of(rig, law)
     columns = _core.simulate(
         law.checked,
         plant=simulated_plant(rig),
@@ -107,9 +104,22 @@ def simulate(
         arm_at_cycle=arm_at_cycle,
         **_reference(rig, scenario),
     )
+    return simulation_result(columns)
+
+
+def simulation_result(columns: dict[str, Array]) -> SimulationResult:
+    """The columns of a simulated run by their names."""
     return SimulationResult(
         **{field.name: columns[field.name] for field in fields(SimulationResult)}
     )
+
+
+def require_law_of(rig: Rig, law: Law) -> None:
+    """UserError for the law of another rig, or for what only the emulator's plant has."""
+    designed_for = law.payload["rig"]["name"]
+    if designed_for != rig.rig.name:
+        raise UserError(f"{law!r} was designed for the rig {designed_for}, not {rig.rig.name}")
+    _refuse_what_is_not_simulated(rig)
 
 
 def simulated_plant(rig: Rig) -> dict[str, object]:

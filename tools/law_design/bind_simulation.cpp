@@ -4,6 +4,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include "law_design/bind_cycles.hpp"
 #include "law_design/bind_plant.hpp"
 #include "law_design/bind_reference.hpp"
 #include "law_design/closed_loop_simulation.hpp"
@@ -26,7 +27,9 @@ nb::object column(const std::vector<SimulatedCycle>& rows, Read read) {
   return numpy_column(std::move(values));
 }
 
-nb::dict columns(const std::vector<SimulatedCycle>& rows) {
+}  // namespace
+
+nb::dict cycle_columns(const std::vector<SimulatedCycle>& rows) {
   constexpr double kPa_per_MPa = 1000.0;
   using Row = const SimulatedCycle&;
   nb::dict out;
@@ -59,6 +62,8 @@ nb::dict columns(const std::vector<SimulatedCycle>& rows) {
   return out;
 }
 
+namespace {
+
 nb::dict simulate_bound(const service::LawFile& law, const nb::dict& plant,
                         const std::vector<nb::dict>& disturbance, double duration_s,
                         const std::string& kind, double amplitude_rad, double offset_rad,
@@ -80,7 +85,7 @@ nb::dict simulate_bound(const service::LawFile& law, const nb::dict& plant,
     const nb::gil_scoped_release released;
     cycles = simulate(law.config(), parameters, plan);
   }
-  return columns(cycles);
+  return cycle_columns(cycles);
 }
 
 }  // namespace
