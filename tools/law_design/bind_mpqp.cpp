@@ -26,11 +26,15 @@ nb::dict statistics(const MpQpStatistics& s) {
   d["regions"] = s.regions;
   d["lps"] = s.lps;
   d["qps"] = s.qps;
+  d["flat_active_sets"] = s.flat_active_sets;
   d["degenerate_fallbacks"] = s.degenerate_fallbacks;
-  d["closure_points"] = s.closure_points;
-  d["closure_misses"] = s.closure_misses;
+  d["infeasible_facets"] = s.infeasible_facets;
+  d["stepped_facets"] = s.stepped_facets;
   d["flat_regions_dropped"] = s.flat_regions_dropped;
+  d["thin_regions"] = s.thin_regions;
   d["saturated_active_sets"] = s.saturated_active_sets;
+  d["random_points"] = s.random_points;
+  d["closure_misses"] = s.closure_misses;
   d["infeasible_points"] = s.infeasible_points;
   d["seconds"] = s.seconds;
   return d;
@@ -38,14 +42,13 @@ nb::dict statistics(const MpQpStatistics& s) {
 
 MpQpSolution solve(const Matrix& H, const Matrix& F, const Vector& f, const Matrix& G,
                    const Vector& w, const Matrix& S, const Vector& lower, const Vector& upper,
-                   const nb::object& progress, int closure_points_per_facet, int random_points,
-                   unsigned seed, const std::optional<OutputLaw>& output, int max_regions,
-                   int threads, double time_limit_s) {
+                   const nb::object& progress, int random_points, unsigned seed,
+                   const std::optional<OutputLaw>& output, int max_regions, int threads,
+                   double time_limit_s) {
   const MpQp problem{matrix(H), matrix(F), vector(f),     matrix(G),
                      vector(w), matrix(S), vector(lower), vector(upper)};
   std::exception_ptr raised;
   MpQpOptions options;
-  options.closure_points_per_facet = closure_points_per_facet;
   options.random_points = random_points;
   options.seed = seed;
   options.max_regions = max_regions;
@@ -188,8 +191,8 @@ void bind_mpqp(nb::module_& m) {
       .def("__len__", [](const MpQpSolution& s) { return s.regions.size(); });
 
   m.def("solve_mpqp", &solve, "H"_a, "F"_a, "f"_a, "G"_a, "w"_a, "S"_a, "lower"_a, "upper"_a,
-        "progress"_a = nb::none(), "closure_points_per_facet"_a = 0, "random_points"_a = 2000,
-        "seed"_a = 1U, "output"_a = nb::none(), "max_regions"_a = 200000, "threads"_a = 0,
+        "progress"_a = nb::none(), "random_points"_a = 2000, "seed"_a = 1U, "output"_a = nb::none(),
+        "max_regions"_a = 200000, "threads"_a = 0,
         "time_limit_s"_a = std::numeric_limits<double>::infinity(),
         "Solve min over U of U'HU/2 + (F p + f)'U subject to G U <= w + S p for every p with\n"
         "lower <= p <= upper.\n\n"

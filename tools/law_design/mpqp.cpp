@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstddef>
+#include <sstream>
 #include <string>
 
 #include "law_design/least_distance_form.hpp"
@@ -11,6 +12,8 @@
 
 namespace eampc::law_design {
 namespace {
+
+const Eigen::IOFormat kOneLine(6, Eigen::DontAlignCols, ", ", ", ");
 
 CriticalRegion in_problem_units(const LeastDistanceForm& form, const ExploredRegion& explored) {
   const Eigen::Index np = form.parameters;
@@ -71,7 +74,7 @@ void check_z_bound(const LeastDistanceForm& form, const std::vector<ExploredRegi
 MpQpSolution solve_mpqp(const MpQp& problem, const MpQpOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const LeastDistanceForm form = to_least_distance_form(problem);
-  RegionExplorer explorer(form, options);
+  RegionExplorer explorer(form, options, start);
   explorer.run();
   check_z_bound(form, explorer.regions());
 
@@ -84,17 +87,23 @@ MpQpSolution solve_mpqp(const MpQp& problem, const MpQpOptions& options) {
   statistics.rows_kept = static_cast<int>(form.rows.rows());
   statistics.lps += form.lps;
   statistics.qps += form.qps;
-  solution.has_infeasible_parameters =
-      statistics.infeasible_points > 0 || form.parameter_rows.size() > 0;
+  solution.has_infeasible_parameters = statistics.infeasible_facets > 0 ||
+                                       statistics.infeasible_points > 0 ||
+                                       form.parameter_rows.size() > 0;
   for (const ExploredRegion& region : explorer.regions()) {
     solution.regions.push_back(in_problem_units(form, region));
   }
   statistics.seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (statistics.unresolved_points > 0) {
-    throw std::runtime_error("mpQP: " + std::to_string(statistics.unresolved_points) +
-                             " parameter points could not be assigned to a region; the problem is "
-                             "too ill-conditioned to be solved explicitly");
+    const Eigen::Map<const Eigen::VectorXd> q(explorer.unresolved_at().data(), form.parameters);
+    std::ostringstream where;
+    where << (form.centre + q.cwiseProduct(form.half_width)).transpose().format(kOneLine);
+    throw std::runtime_error(
+        "mpQP: at " + std::to_string(statistics.unresolved_points) + " points, the first p = (" +
+        where.str() +
+        "), rounding hides which rows are active, so the regions cannot be proved to "
+        "cover every parameter; scale the problem, or drop rows that nearly depend on each other");
   }
   return solution;
 }

@@ -3,9 +3,8 @@
 // as critical regions: polytopes of p on each of which the active set is fixed and U is affine
 // (Bemporad, Morari, Dua, Pistikopoulos, Automatica 38, 2002).
 //
-// Explored by crossing facets, with an exact QP wherever a crossing is not one flip of the active
-// set; closed by stepping across several points of every facet and by seeded random points until
-// no point lies outside the regions.
+// Explored by crossing facets; see region_explorer.hpp for how and region_builder.hpp for what
+// keeps regions from overlapping.
 #pragma once
 
 #include <Eigen/Dense>
@@ -56,12 +55,17 @@ struct MpQpStatistics {
   int regions = 0;
   long lps = 0;
   long qps = 0;
-  long degenerate_fallbacks = 0;  ///< crossings that were not one flip of the active set
-  long closure_points = 0;
-  long closure_misses = 0;         ///< closure points outside all regions known then (now covered)
-  long flat_regions_dropped = 0;   ///< with an error bound below 1e-9 of the largest solution
+  long flat_active_sets = 0;       ///< optimal only on a set without volume: walked through
+  long degenerate_fallbacks = 0;   ///< crossings that led through such a set
+  long infeasible_facets = 0;      ///< facets of the feasible set's border, inside the box
+  long stepped_facets = 0;         ///< facets beyond which rounding hid the active set
+  long flat_regions_dropped = 0;   ///< slivers beyond those, with an error below 1e-8 of the
+                                   ///< largest solution
+  long thin_regions = 0;           ///< kept though their radius is below 1e-8
   long saturated_active_sets = 0;  ///< left out because of MpQpOptions::output
-  long infeasible_points = 0;      ///< crossings into parameters without a solution
+  long random_points = 0;          ///< points checked beside the facets …
+  long closure_misses = 0;         ///< … that lay outside all regions known then (now covered)
+  long infeasible_points = 0;      ///< … that have no solution
   long unresolved_points = 0;      ///< points neither covered nor infeasible: 0 in a valid solution
   double seconds = 0.0;
 };
@@ -72,7 +76,6 @@ struct MpQpOptions {
   /// prove is that the rest of the parameters hangs together: a part with an unsaturated output
   /// that is surrounded by saturated ones is found only if a random point falls into it.
   std::optional<OutputLaw> output;
-  int closure_points_per_facet = 0;  ///< 0: twice the number of parameters
   int random_points = 2000;
   unsigned seed = 1;
   /// More regions than this are an error: the law would be too large to use.

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 
 namespace eampc::law_design {
 namespace {
@@ -55,7 +56,8 @@ PolytopeReducer::Hit PolytopeReducer::shoot(const double* direction) {
   return hit;
 }
 
-void PolytopeReducer::accept(int row, const Point& on_facet, Polytope& result) {
+void PolytopeReducer::accept(int row, const Point& on_facet, bool clear, Polytope& result) {
+  if (!clear) doubtful_.push_back(result.facets.size());
   state_[index(row)] = kFacet;
   Point normal{};
   rows_.copy_normal(row, normal.data());
@@ -65,8 +67,44 @@ void PolytopeReducer::accept(int row, const Point& on_facet, Polytope& result) {
   if (labels_[index(row)] != kBoxLabel) found_.append(normal.data(), rows_.offset(row));
 }
 
-bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& labels,
-                             double least_radius, Polytope& result) {
+// A ray to a vertex hits several rows at once, some of which may only touch the polytope there.
+// Called while `found_` holds exactly the facets of `result`.
+void PolytopeReducer::drop_redundant(Polytope& result) {
+  std::vector<char> dropped(index(result.facets.size()), 0);
+  bool any = false;
+  Point normal{};
+  for (const int f : doubtful_) {
+    result.facets.copy_normal(f, normal.data());
+    const double offset = result.facets.offset(f);
+    found_.set_offset(f, 1e30);
+    const LpResult support = support_.maximise(normal.data(), found_, offset + kCut);
+    if (support.status == LpStatus::kBelowCutoff ||
+        (support.status == LpStatus::kOptimal && support.value <= offset + kCut)) {
+      dropped[index(f)] = 1;
+      any = true;
+    } else {
+      found_.set_offset(f, offset);
+    }
+  }
+  if (!any) return;
+  Polytope kept;
+  kept.facets = HalfSpaces(dimension_);
+  found_.clear();
+  for (int f = 0; f < result.facets.size(); ++f) {
+    if (dropped[index(f)] != 0) continue;
+    result.facets.copy_normal(f, normal.data());
+    kept.facets.append(normal.data(), result.facets.offset(f));
+    found_.append(normal.data(), result.facets.offset(f));
+    kept.labels.push_back(result.labels[index(f)]);
+    kept.facet_points.push_back(result.facet_points[index(f)]);
+  }
+  result.facets = std::move(kept.facets);
+  result.labels = std::move(kept.labels);
+  result.facet_points = std::move(kept.facet_points);
+}
+
+bool PolytopeReducer::holds_ball(const HalfSpaces& rows, const std::vector<int>& labels,
+                                 double least_radius) {
   const int n = dimension_;
   rows_.clear();
   labels_.clear();
@@ -83,7 +121,7 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
     a[index(n)] = 1.0;
     ball_rows_.append(a.data(), rows.offset(i));
   }
-  const int own_rows = rows_.size();
+  own_rows_ = rows_.size();
   for (int j = 0; j < 2 * n; ++j) {
     a.fill(0.0);
     a[index(j / 2)] = j % 2 == 0 ? 1.0 : -1.0;
@@ -95,7 +133,15 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
   a.fill(0.0);
   a[index(n)] = 1.0;
   const LpResult ball = ball_.maximise(a.data(), ball_rows_, least_radius);
-  if (ball.status != LpStatus::kOptimal || ball_.point()[n] < least_radius) return false;
+  return ball.status == LpStatus::kOptimal && ball_.point()[n] >= least_radius;
+}
+
+bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& labels,
+                             double least_radius, Polytope& result) {
+  if (!holds_ball(rows, labels, least_radius)) return false;
+  const int n = dimension_;
+  const int own_rows = own_rows_;
+  doubtful_.clear();
   result = Polytope{};
   result.facets = HalfSpaces(n);
   result.radius = ball_.point()[n];
@@ -125,7 +171,7 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
     if (!hit.clear || state_[index(hit.row)] == kFacet || labels_[index(hit.row)] == kBoxLabel) {
       continue;
     }
-    accept(hit.row, point_at(hit.distance), result);
+    accept(hit.row, point_at(hit.distance), true, result);
   }
   // Clarkson: test each remaining row against the facets found so far; a row that still cuts
   // something off leads, by a ray to what it cuts off, to a facet (itself or another).
@@ -146,17 +192,18 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
       const Hit hit = shoot(direction.data());
       if (support.status == LpStatus::kOptimal && hit.row >= 0 &&
           state_[index(hit.row)] == kUnknown && labels_[index(hit.row)] != kBoxLabel) {
-        accept(hit.row, point_at(hit.distance), result);
+        accept(hit.row, point_at(hit.distance), hit.clear, result);
       } else {
         // Not decidable: keeping a row is always right.
         double t = 1.0;
         double speed = 0.0;
         for (int j = 0; j < n; ++j) speed += normal[index(j)] * direction[index(j)];
         if (speed > 1e-14) t = std::min(1.0, slack_[index(i)] / speed);
-        accept(i, point_at(t), result);
+        accept(i, point_at(t), false, result);
       }
     }
   }
+  drop_redundant(result);
   // Facets of the box, by the same test.
   for (int i = own_rows; i < m; ++i) {
     Point normal{};
@@ -165,7 +212,7 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
     if (support.status != LpStatus::kOptimal || support.value <= 1.0 - kCut) continue;
     Point on_facet{};
     for (int j = 0; j < n; ++j) on_facet[index(j)] = support_.point()[j];
-    accept(i, on_facet, result);
+    accept(i, on_facet, true, result);
   }
   return true;
 }

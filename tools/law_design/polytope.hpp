@@ -33,6 +33,8 @@ class PolytopeReducer {
   /// radius `least_radius` > 0; `result` is then meaningless.
   bool reduce(const HalfSpaces& rows, const std::vector<int>& labels, double least_radius,
               Polytope& result);
+  /// The first part of reduce(): only whether there is such a ball.
+  bool holds_ball(const HalfSpaces& rows, const std::vector<int>& labels, double least_radius);
 
   long lp_count() const { return ball_.count() + support_.count(); }
   LinearProgram& support() { return support_; }
@@ -44,7 +46,8 @@ class PolytopeReducer {
     bool clear = false;  // no other row within rounding of the hit
   };
   Hit shoot(const double* direction);
-  void accept(int row, const Point& on_facet, Polytope& result);
+  void accept(int row, const Point& on_facet, bool clear, Polytope& result);
+  void drop_redundant(Polytope& result);
 
   int dimension_;
   LinearProgram ball_, support_;
@@ -53,6 +56,8 @@ class PolytopeReducer {
   std::vector<double> slack_, speed_;
   std::vector<char> state_;
   HalfSpaces found_;
+  int own_rows_ = 0;
+  std::vector<int> doubtful_;  // facets that may touch the polytope in less than a facet
 };
 
 }  // namespace eampc::law_design

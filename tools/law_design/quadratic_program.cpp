@@ -8,12 +8,22 @@
 namespace eampc::law_design {
 namespace {
 
+// A remainder this long, of a unit row, is orthogonal to rounding after one pass.
+constexpr double kLittleCancelled = 0.1;
+
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 double dot(const double* a, const double* b, Eigen::Index n) {
-  double sum = 0.0;
-  for (Eigen::Index j = 0; j < n; ++j) sum += a[j] * b[j];
-  return sum;
+  // Two independent sums, which is what a register of two doubles holds.
+  double even = 0.0;
+  double odd = 0.0;
+  Eigen::Index j = 0;
+  for (; j + 1 < n; j += 2) {
+    even += a[j] * b[j];
+    odd += a[j + 1] * b[j + 1];
+  }
+  if (j < n) even += a[j] * b[j];
+  return even + odd;
 }
 
 }  // namespace
@@ -26,15 +36,17 @@ bool ActiveRows::append(const double* row) {
   double* r = r_.data() + k * n;
   std::copy(row, row + n, v);
   std::fill(r, r + k + 1, 0.0);
-  for (int pass = 0; pass < 2; ++pass) {  // twice is enough (Kahan)
+  double norm = 1.0;
+  for (int pass = 0; pass < 2; ++pass) {  // twice is enough (Kahan), once if little cancels
     for (Eigen::Index i = 0; i < k; ++i) {
       const double* q = q_.data() + i * n;
       const double h = dot(q, v, n);
       r[i] += h;
       for (Eigen::Index j = 0; j < n; ++j) v[j] -= h * q[j];
     }
+    norm = std::sqrt(dot(v, v, n));
+    if (norm > kLittleCancelled) break;
   }
-  const double norm = std::sqrt(dot(v, v, n));
   if (norm < kDependent) return false;
   for (Eigen::Index j = 0; j < n; ++j) v[j] /= norm;
   r[k] = norm;
@@ -81,14 +93,23 @@ void ActiveRows::coefficients(const double* v, double* result) const {
 double ActiveRows::split(const double* row, double* remainder) const {
   const Eigen::Index n = q_.rows();
   std::copy(row, row + n, remainder);
+  double norm = 1.0;
   for (int pass = 0; pass < 2; ++pass) {
     for (Eigen::Index i = 0; i < size_; ++i) {
       const double* q = q_.data() + i * n;
       const double h = dot(q, remainder, n);
       for (Eigen::Index j = 0; j < n; ++j) remainder[j] -= h * q[j];
     }
+    norm = std::sqrt(dot(remainder, remainder, n));
+    if (norm > kLittleCancelled) break;
   }
-  return std::sqrt(dot(remainder, remainder, n));
+  return norm;
+}
+
+double ActiveRows::least_pivot() const {
+  double least = 1.0;
+  for (Eigen::Index i = 0; i < size_; ++i) least = std::min(least, std::abs(r_(i, i)));
+  return least;
 }
 
 void ActiveRows::least_norm(const double* d, double* z, double* lambda) const {

@@ -21,6 +21,11 @@ class ActiveRows {
 
   int size() const { return size_; }
   void clear() { size_ = 0; }
+  /// Column i of Q, and an entry of R.
+  const double* direction(int i) const { return q_.data() + i * q_.rows(); }
+  double r(int row, int column) const { return r_(row, column); }
+  /// Least diagonal entry of R, at most 1: one over it estimates the condition of unit rows.
+  double least_pivot() const;
 
   /// Adds a unit row. False (and nothing added) if it depends on the rows already there.
   bool append(const double* row);

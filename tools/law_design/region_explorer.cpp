@@ -6,32 +6,27 @@
 #include <string>
 #include <utility>
 
+#include "law_design/parallel_range.hpp"
+
 namespace eampc::law_design {
 namespace {
 
 // All in q, the parameters scaled to ±1.
-constexpr double kStep = 1e-6;         // how far beyond a facet its neighbour is sought
-constexpr double kLeastRadius = 1e-8;  // thinner regions need an error bound to be left out
-constexpr double kForcedRadius = 1e-11;
-constexpr double kInside = 1e-10;    // excess of a facet that still counts as inside
-constexpr double kFlatError = 1e-9;  // of the largest optimal z, whose norm is 1
-constexpr double kSaturated = 1e-9;  // of the output's range
-
-constexpr int kFlatRegion = -1;
-constexpr int kSaturatedRegion = -2;
-constexpr int kParameterLabel = -2;
+constexpr double kLeastRadius = 1e-8;    // thinner regions are flat unless they prove needed
+constexpr double kForcedRadius = 1e-11;  // thinner ones cannot be told from rounding
+constexpr double kCoincident = 1e-8;     // planes this close share a facet
+constexpr double kInside = 1e-9;         // excess of a facet that still counts as inside
+constexpr double kSliver = 1e-8;         // facets of a smaller radius may have nothing beyond
+constexpr double kJump = 1e-8;           // of the largest optimal z, whose norm is 1
+constexpr int kDeepest = 64;             // flat sets on the way through one facet
+constexpr int kRound = 4096;             // regions crossed in one round
+constexpr int kWorthThreads = 32;        // sets to build
+constexpr double kReportEvery_s = 0.1;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
-std::vector<int> flipped(const std::vector<int>& active, int row) {
-  std::vector<int> result = active;
-  const auto position = std::lower_bound(result.begin(), result.end(), row);
-  if (position != result.end() && *position == row) {
-    result.erase(position);
-  } else {
-    result.insert(position, row);
-  }
-  return result;
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace
@@ -45,149 +40,339 @@ std::size_t RegionExplorer::ActiveSetHash::operator()(const std::vector<int>& ac
   return hash;
 }
 
-RegionExplorer::RegionExplorer(const LeastDistanceForm& form, const MpQpOptions& options)
+RegionExplorer::RegionExplorer(const LeastDistanceForm& form, const MpQpOptions& options,
+                               std::chrono::steady_clock::time_point start)
     : form_(form),
       options_(options),
+      start_(start),
+      reported_(start),
+      threads_(thread_count(options.threads)),
       program_(form.rows, form.tolerances),
-      reducer_(form.parameters),
-      factor_(form.variables),
-      right_side_(static_cast<std::size_t>(form.rows.rows() + 1)),
-      region_rows_(form.parameters) {
-  if (options_.output) {
-    const OutputLaw& output = *options_.output;
-    output_z_ = output.Y_U * form_.back;
-    output_q_ = output.Y_U * form_.shift;
-    output_q_.head(form_.parameters) += output.Y_p * form_.half_width.asDiagonal();
-    output_q_(form_.parameters) += output.Y_p * form_.centre + output.y_0;
+      right_side_(static_cast<std::size_t>(form.rows.rows() + 1)) {
+  for (int t = 0; t < threads_; ++t) {
+    builders_.push_back(std::make_unique<RegionBuilder>(form, options));
   }
 }
 
-bool RegionExplorer::solve_active_set(const std::vector<int>& active) {
-  const Eigen::Index np = form_.parameters;
-  factor_.clear();
-  for (const int row : active) {
-    if (!factor_.append(form_.rows.row(row).data())) return false;
+bool RegionExplorer::report(bool now) {
+  if (seconds_since(start_) > options_.time_limit_s) {
+    throw TimeLimit("mpQP: the time limit is over with " + std::to_string(regions_.size()) +
+                    " regions found and " + std::to_string(regions_.size() - next_) +
+                    " of them not yet explored; raise it, shrink the parameter box, or use fewer "
+                    "rows or variables");
   }
-  const Eigen::Index k = factor_.size();
-  z_.resize(form_.variables, np + 1);
-  lambda_.resize(std::max<Eigen::Index>(k, 1), np + 1);
-  std::vector<double>& d = right_side_of_active_;
-  d.resize(active.size());
-  for (Eigen::Index c = 0; c <= np; ++c) {
-    for (std::size_t i = 0; i < active.size(); ++i) d[i] = form_.bounds(active[i], c);
-    factor_.least_norm(d.data(), z_.col(c).data(), lambda_.col(c).data());
-  }
-  return true;
+  if (!options_.progress || (!now && seconds_since(reported_) < kReportEvery_s)) return true;
+  reported_ = std::chrono::steady_clock::now();
+  return options_.progress(static_cast<int>(next_), static_cast<int>(regions_.size()));
 }
 
-bool RegionExplorer::output_is_saturated() const {
-  if (!options_.output) return false;
-  const OutputLaw& output = *options_.output;
-  const Eigen::RowVectorXd y = output_z_ * z_ + output_q_;
-  const double tolerance = kSaturated * (output.y_max - output.y_min);
-  const double slope = y.head(form_.parameters).lpNorm<1>();
-  const double middle = y(form_.parameters);
-  return middle - slope >= output.y_max - tolerance || middle + slope <= output.y_min + tolerance;
+int RegionExplorer::see(std::vector<int> active) {
+  const auto [entry, is_new] =
+      known_.try_emplace(std::move(active), static_cast<int>(seen_.size()));
+  if (is_new) {
+    listed_.push_back(entry->second);
+    seen_.emplace_back();
+    seen_.back().active = &entry->first;
+  }
+  return entry->second;
 }
 
-RegionExplorer::Built RegionExplorer::build(const std::vector<int>& active, double least_radius,
-                                            ExploredRegion& region) {
-  const Eigen::Index n = form_.variables;
-  const Eigen::Index np = form_.parameters;
-  const Eigen::Index m = form_.rows.rows();
-  if (!solve_active_set(active)) return Built::kEmpty;
-  const Eigen::Index k = factor_.size();
-  const Eigen::MatrixXd& z = z_;
-  const Eigen::MatrixXd& lambda = lambda_;
-  region.active = active;
-  region.z = z;
-
-  region_rows_.clear();
-  region_labels_.clear();
-  // Adds a·(q, 1) ≥ 0, scaled to a unit row; false if it excludes every q.
-  const auto add = [&](const double* a, double scale, int label) {
-    double norm = 0.0;
-    for (Eigen::Index j = 0; j < np; ++j) norm += a[j] * a[j];
-    norm = std::sqrt(norm);
-    if (norm <= 1e-12 * scale) return a[np] >= -1e-11 * scale;
-    Point normal{};
-    for (Eigen::Index j = 0; j < np; ++j) normal[static_cast<std::size_t>(j)] = -a[j] / norm;
-    region_rows_.append(normal.data(), a[np] / norm);
-    region_labels_.push_back(label);
-    return true;
+void RegionExplorer::build_listed() {
+  const int count = static_cast<int>(listed_.size());
+  std::vector<ExploredRegion> built(index(count));
+  const auto work = [&](int i, int thread) {
+    SeenSet& seen = seen_[index(listed_[index(i)])];
+    RegionBuilder& builder = *builders_[index(thread)];
+    seen.built = builder.build(*seen.active, kLeastRadius, built[index(i)]);
+    if (seen.built == Built::kFlat) seen.rows = std::make_unique<RegionRows>(builder.rows());
   };
-  std::array<double, kMaxDimension + 1> a{};
-  for (Eigen::Index i = 0; i < k; ++i) {
-    double scale = 0.0;
-    for (Eigen::Index c = 0; c <= np; ++c) {
-      a[static_cast<std::size_t>(c)] = lambda(i, c);
-      scale = std::max(scale, std::abs(lambda(i, c)));
-    }
-    if (!add(a.data(), scale, active[static_cast<std::size_t>(i)])) return Built::kEmpty;
+  parallel_range(count, count < kWorthThreads ? 1 : threads_, work,
+                 [&](int, int) { return report(false); });
+  for (int i = 0; i < count; ++i) {
+    SeenSet& seen = seen_[index(listed_[index(i)])];
+    if (seen.built == Built::kSaturated) ++statistics_.saturated_active_sets;
+    if (seen.built == Built::kFlat) ++statistics_.flat_active_sets;
+    if (seen.built == Built::kFull) adopt(std::move(built[index(i)]), seen);
   }
-  std::size_t next_active = 0;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    if (next_active < active.size() && active[next_active] == i) {
-      ++next_active;
-      continue;
-    }
-    double scale = 0.0;
-    const double* row = form_.rows.data() + i * n;
-    const double* bound = form_.bounds.data() + i * (np + 1);
-    for (Eigen::Index c = 0; c <= np; ++c) {
-      const double* column = z.data() + c * n;
-      double sum = 0.0;
-      for (Eigen::Index j = 0; j < n; ++j) sum += row[j] * column[j];
-      a[static_cast<std::size_t>(c)] = bound[c] - sum;
-      scale = std::max(scale, std::abs(bound[c]) + std::abs(sum));
-    }
-    if (!add(a.data(), scale, static_cast<int>(i))) return Built::kEmpty;
-  }
-  for (int i = 0; i < form_.parameter_rows.size(); ++i) {
-    Point normal{};
-    form_.parameter_rows.copy_normal(i, normal.data());
-    region_rows_.append(normal.data(), form_.parameter_rows.offset(i));
-    region_labels_.push_back(kParameterLabel);
-  }
-  if (!reducer_.reduce(region_rows_, region_labels_, least_radius, region.polytope)) {
-    return Built::kFlat;
-  }
-  region.neighbours.assign(region.polytope.labels.size(), {});
-  region.facet_kinds.clear();
-  for (const int label : region.polytope.labels) {
-    region.facet_kinds.push_back(label == kBoxLabel         ? FacetKind::kBox
-                                 : label == kParameterLabel ? FacetKind::kParameterRow
-                                                            : FacetKind::kInner);
-  }
-  return Built::kFull;
+  listed_.clear();
 }
 
-int RegionExplorer::adopt(ExploredRegion&& region) {
-  const int id = static_cast<int>(regions_.size());
-  if (id >= options_.max_regions) {
+int RegionExplorer::see_and_build(std::vector<int> active) {
+  const int seen = see(std::move(active));
+  build_listed();
+  return seen;
+}
+
+void RegionExplorer::adopt(ExploredRegion&& region, SeenSet& seen) {
+  seen.built = Built::kFull;
+  seen.region = static_cast<int>(regions_.size());
+  if (seen.region >= options_.max_regions) {
     throw std::runtime_error("mpQP: more than " + std::to_string(options_.max_regions) +
                              " critical regions; constrain fewer stages, free fewer moves or "
                              "shrink the parameter box");
   }
-  known_[region.active] = id;
   regions_.push_back(std::move(region));
-  return id;
 }
 
-int RegionExplorer::region_of(const std::vector<int>& active) {
-  const auto found = known_.find(active);
-  if (found != known_.end()) return found->second;
+void RegionExplorer::link(int region, int facet, int neighbour) {
+  if (neighbour == region) return;
+  std::vector<int>& list = regions_[index(region)].neighbours[index(facet)];
+  if (std::find(list.begin(), list.end(), neighbour) == list.end()) list.push_back(neighbour);
+}
+
+// True if `other` has a facet in the plane of this one, from the other side.
+bool RegionExplorer::shares_plane(int region, int facet, int other) const {
+  const HalfSpaces& own = regions_[index(region)].polytope.facets;
+  const HalfSpaces& others = regions_[index(other)].polytope.facets;
+  for (int g = 0; g < others.size(); ++g) {
+    double apart = std::abs(own.offset(facet) + others.offset(g));
+    for (int j = 0; j < form_.parameters; ++j) {
+      apart = std::max(apart, std::abs(own.normal(facet, j) + others.normal(g, j)));
+    }
+    if (apart <= 1e-6) return true;
+  }
+  return false;
+}
+
+void RegionExplorer::take(const Step& step, FacetOutcome& outcome, std::vector<Step>& further) {
+  const SeenSet& seen = seen_[index(step.seen)];
+  switch (seen.built) {
+    case Built::kFull:
+      if (shares_plane(step.region, step.facet, seen.region)) {
+        link(step.region, step.facet, seen.region);
+      }  // else it meets the facet in less than a facet, if at all
+      return;
+    case Built::kSaturated:
+      outcome.saturated = true;
+      return;
+    case Built::kEmpty:
+      return;
+    case Built::kFlat:
+      walk_through(step, outcome, further);
+  }
+}
+
+// The perturbed problem's region of a flat set is a thin layer on the facet; the plane that bounds
+// it on the far side is the facet's own at ε = 0.
+void RegionExplorer::walk_through(const Step& step, FacetOutcome& outcome,
+                                  std::vector<Step>& further) {
+  ++statistics_.degenerate_fallbacks;
+  const SeenSet& seen = seen_[index(step.seen)];
+  const HalfSpaces& facets = regions_[index(step.region)].polytope.facets;
+  const RegionRows& rows = *seen.rows;
+  int exit = -1;
+  double least = 0.0;
+  for (int i = 0; i < rows.rows.size(); ++i) {
+    double apart = std::abs(rows.rows.offset(i) - facets.offset(step.facet));
+    for (int j = 0; j < form_.parameters; ++j) {
+      apart = std::max(apart, std::abs(rows.rows.normal(i, j) - facets.normal(step.facet, j)));
+    }
+    if (apart > kCoincident + rows.roundings[index(i)]) continue;
+    if (exit < 0 || rows.shifts[index(i)] < least) {
+      exit = i;
+      least = rows.shifts[index(i)];
+    }
+  }
+  // A set that takes the facet over in another part of it, or nowhere.
+  Point middle{};
+  RegionBuilder& builder = *builders_.front();
+  const Polytope& polytope = regions_[index(step.region)].polytope;
+  if (builder.shared_radius(rows, polytope, step.facet, middle) < kSliver) return;
+  if (exit < 0 || step.depth >= kDeepest) {
+    outcome.failed = true;
+    outcome.at = middle;
+    return;
+  }
+  if (rows.labels[index(exit)] == kParameterLabel) {
+    outcome.infeasible = true;
+    return;
+  }
+  const std::vector<int> active = *seen.active;
+  std::vector<Crossing> crossings;
+  builder.factorise(active);
+  builder.cross(step.facet, rows.labels[index(exit)], crossings);
+  if (crossings.empty()) outcome.infeasible = true;
+  for (const Crossing& crossing : crossings) {
+    further.push_back({step.region, step.facet, see(crossed(active, crossing)), step.depth + 1});
+  }
+}
+
+void RegionExplorer::explore_round() {
+  const int first = static_cast<int>(next_);
+  const int last = std::min(static_cast<int>(regions_.size()), first + kRound);
+  std::vector<std::vector<FacetOutcome>> outcomes(index(last - first));
+  std::vector<Step> steps, further;
+  for (int region = first; region < last; ++region) {
+    const ExploredRegion& from = regions_[index(region)];
+    outcomes[index(region - first)].resize(from.facet_kinds.size());
+    for (const Crossing& crossing : from.crossings) {
+      steps.push_back({region, crossing.facet, see(crossed(from.active, crossing)), 0});
+    }
+  }
+  while (!steps.empty()) {
+    build_listed();
+    for (const Step& step : steps) {
+      take(step, outcomes[index(step.region - first)][index(step.facet)], further);
+    }
+    steps.swap(further);
+    further.clear();
+  }
+  for (int region = first; region < last; ++region) {
+    for (std::size_t f = 0; f < outcomes[index(region - first)].size(); ++f) {
+      settle(region, static_cast<int>(f), outcomes[index(region - first)][f]);
+    }
+    regions_[index(region)].crossings = {};
+  }
+  next_ = index(last);
+  if (!report(false)) throw Cancelled();
+}
+
+void RegionExplorer::settle(int region, int facet, const FacetOutcome& outcome) {
+  FacetKind& kind = regions_[index(region)].facet_kinds[index(facet)];
+  if (kind == FacetKind::kInfeasible) ++statistics_.infeasible_facets;
+  if (kind != FacetKind::kInner) return;
+  if (outcome.saturated) {
+    kind = FacetKind::kSaturated;
+    return;
+  }
+  if (outcome.failed) {
+    step_across(region, facet, outcome.at);
+  } else if (regions_[index(region)].neighbours[index(facet)].empty()) {
+    if (outcome.infeasible) {
+      kind = FacetKind::kInfeasible;
+      ++statistics_.infeasible_facets;
+    } else {
+      Point middle = regions_[index(region)].polytope.facet_points[index(facet)];
+      const RegionRows none{HalfSpaces(form_.parameters), {}, {}, {}};
+      builders_.front()->shared_radius(none, regions_[index(region)].polytope, facet, middle);
+      step_across(region, facet, middle);
+    }
+  }
+}
+
+QpStatus RegionExplorer::solve_at(const Point& q, double nudge, std::vector<int>& active) {
+  form_.right_side(q.data(), right_side_.data());
+  for (int i = 0; i < static_cast<int>(form_.rows.rows()); ++i) {
+    right_side_[index(i)] += nudge * builders_.front()->nudge(i);
+  }
+  QpStatus status = program_.solve(right_side_.data(), active);
+  if (status == QpStatus::kFailed && !active.empty()) {
+    active.clear();
+    status = program_.solve(right_side_.data(), active);
+  }
+  return status;
+}
+
+double RegionExplorer::jump(int region, int other, const Point& q) const {
+  const Eigen::Index np = form_.parameters;
+  const auto difference = regions_[index(region)].z - regions_[index(other)].z;
+  Eigen::VectorXd at_q = difference.col(np);
+  for (Eigen::Index j = 0; j < np; ++j) {
+    at_q += difference.col(j) * q[static_cast<std::size_t>(j)];
+  }
+  return at_q.lpNorm<Eigen::Infinity>();
+}
+
+void RegionExplorer::unresolved(const Point& q) {
+  if (statistics_.unresolved_points++ == 0) unresolved_at_ = q;
+}
+
+// No set beyond the facet has a region: rounding. Either the facet is a sliver, or a sliver lies
+// beyond it; then what is found a little further on must be as good there.
+void RegionExplorer::step_across(int region, int facet, const Point& middle) {
+  ++statistics_.stepped_facets;
+  const int np = form_.parameters;
+  const Polytope polytope = regions_[index(region)].polytope;
+  int thin = -1;
+  for (const double step : {1e-8, 1e-7, 1e-6, 1e-5, 1e-4}) {
+    Point q = middle;
+    double beyond = -polytope.facets.offset(facet);
+    for (int j = 0; j < np; ++j) {
+      const double a = polytope.facets.normal(facet, j);
+      q[index(j)] = std::clamp(q[index(j)] + step * a, -1.0, 1.0);
+      beyond += a * q[index(j)];
+    }
+    if (beyond < 0.01 * step) return;  // only the edge of the box lies here
+    if (!form_.parameter_rows.contains(q.data(), 0.0)) {
+      regions_[index(region)].facet_kinds[index(facet)] = FacetKind::kParameterRow;
+      return;
+    }
+    const int holder = region_holding(q.data());
+    if (holder == region) return;  // a sliver of a facet, cut off by less than a step
+    if (holder >= 0 && jump(region, holder, middle) <= kJump) {
+      ++statistics_.flat_regions_dropped;
+      link(region, facet, holder);
+      return;
+    }
+    std::vector<int> active = regions_[index(region)].active;
+    const QpStatus status = solve_at(q, 1e-3 * step, active);
+    if (status == QpStatus::kInfeasible) {
+      regions_[index(region)].facet_kinds[index(facet)] = FacetKind::kInfeasible;
+      ++statistics_.infeasible_facets;
+      return;
+    }
+    if (status == QpStatus::kFailed) continue;
+    const int seen = see_and_build(active);
+    if (seen_[index(seen)].built == Built::kSaturated) {
+      regions_[index(region)].facet_kinds[index(facet)] = FacetKind::kSaturated;
+      return;
+    }
+    const int other = seen_[index(seen)].region;
+    if (other >= 0 && regions_[index(other)].polytope.facets.contains(q.data(), kInside)) {
+      if (jump(region, other, middle) <= kJump) {
+        ++statistics_.flat_regions_dropped;
+        link(region, facet, other);
+        return;
+      }
+    } else if (thin < 0 && seen_[index(seen)].built == Built::kFlat) {
+      thin = seen;
+    }
+  }
+  if (thin >= 0 && adopt_thin(thin)) {
+    link(region, facet, seen_[index(thin)].region);
+    return;
+  }
+  Point centre{};
+  const RegionRows none{HalfSpaces(np), {}, {}, {}};
+  if (builders_.front()->shared_radius(none, polytope, facet, centre) < kSliver) return;
+  unresolved(middle);
+}
+
+bool RegionExplorer::adopt_thin(int seen) {
   ExploredRegion region;
-  if (options_.output && solve_active_set(active) && output_is_saturated()) {
-    ++statistics_.saturated_active_sets;
-    known_[active] = kSaturatedRegion;
-    return kSaturatedRegion;
+  if (builders_.front()->build(*seen_[index(seen)].active, kForcedRadius, region) != Built::kFull) {
+    return false;
   }
-  if (build(active, kLeastRadius, region) != Built::kFull) {
-    known_[active] = kFlatRegion;
-    return kFlatRegion;
+  ++statistics_.thin_regions;
+  adopt(std::move(region), seen_[index(seen)]);
+  return true;
+}
+
+void RegionExplorer::find_first_region() {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  std::vector<Point> points;
+  for (const Eigen::VectorXd& q : form_.feasible_points) {
+    points.emplace_back();
+    std::copy(q.data(), q.data() + form_.parameters, points.back().begin());
   }
-  return adopt(std::move(region));
+  // Small steps away from the feasible ones: their own active set may be flat.
+  for (std::size_t i = 0; i < 100 && !form_.feasible_points.empty(); ++i) {
+    Point q = points[i % form_.feasible_points.size()];
+    for (int j = 0; j < form_.parameters; ++j) {
+      q[index(j)] = std::clamp(q[index(j)] + 1e-3 * uniform(random), -1.0, 1.0);
+    }
+    points.push_back(q);
+  }
+  for (const double nudge : {1e-8, 1e-6, 0.0}) {
+    for (const Point& q : points) {
+      std::vector<int> active;
+      if (!form_.parameter_rows.contains(q.data(), 0.0)) continue;
+      if (solve_at(q, nudge, active) == QpStatus::kOptimal) see_and_build(active);
+      if (!regions_.empty()) return;
+      if (statistics_.saturated_active_sets > 0 && options_.output) return;
+    }
+  }
 }
 
 int RegionExplorer::region_holding(const double* q) const {
@@ -197,179 +382,27 @@ int RegionExplorer::region_holding(const double* q) const {
   return -1;
 }
 
-void RegionExplorer::link(int region, int facet, int neighbour) {
-  if (neighbour < 0 || neighbour == region) return;
-  std::vector<int>& list = regions_[index(region)].neighbours[index(facet)];
-  if (std::find(list.begin(), list.end(), neighbour) == list.end()) list.push_back(neighbour);
-}
-
-bool RegionExplorer::accept_flat(const std::vector<int>& active, int region, int facet,
-                                 const Point& q) {
-  // Between the two laws lies z_flat − z_region, which vanishes on the shared facet; so over the
-  // flat region it is bounded by its slope times the region's extent beyond that facet.
-  ExploredRegion flat;
-  if (build(active, 2.0, flat) == Built::kEmpty) return false;
-  const ExploredRegion& from = regions_[index(region)];
-  const Eigen::Index np = form_.parameters;
-  const auto slope = (flat.z - from.z).leftCols(np);
-  Eigen::VectorXd at_q = (flat.z - from.z).col(np);
-  Point normal{};
-  from.polytope.facets.copy_normal(facet, normal.data());
-  for (Eigen::Index j = 0; j < np; ++j) {
-    at_q += (flat.z - from.z).col(j) * q[static_cast<std::size_t>(j)];
-  }
-  if (at_q.lpNorm<Eigen::Infinity>() > kFlatError) return false;
-  const LpResult extent = reducer_.support().maximise(normal.data(), region_rows_);
-  if (extent.status == LpStatus::kInfeasible) return true;  // a point's rounding, nothing more
-  if (extent.status != LpStatus::kOptimal) return false;
-  const double width = std::max(extent.value - from.polytope.facets.offset(facet), 0.0);
-  return slope.norm() * width <= kFlatError;
-}
-
-void RegionExplorer::cross(int region, int facet, const Point& on_facet, bool first) {
-  cross_by(region, facet, on_facet, kStep, first);
-}
-
-void RegionExplorer::cross_by(int region, int facet, const Point& on_facet, double step,
-                              bool first) {
-  const int np = form_.parameters;
-  Point q = on_facet;
-  const Polytope& polytope = regions_[index(region)].polytope;
-  double beyond = -polytope.facets.offset(facet);
-  for (int j = 0; j < np; ++j) {
-    const double a = polytope.facets.normal(facet, j);
-    q[index(j)] = std::clamp(q[index(j)] + step * a, -1.0, 1.0);
-    beyond += a * q[index(j)];
-  }
-  if (beyond < 0.01 * step) return;  // only the edge of the box lies here
-  if (!first) ++statistics_.closure_points;
-  for (const int neighbour : regions_[index(region)].neighbours[index(facet)]) {
-    if (regions_[index(neighbour)].polytope.facets.contains(q.data(), kInside)) return;
-  }
-  const std::vector<int> flip =
-      flipped(regions_[index(region)].active, polytope.labels[index(facet)]);
-  std::vector<int> active = flip;
-  form_.right_side(q.data(), right_side_.data());
-  QpStatus status = program_.solve(right_side_.data(), active);
-  if (status == QpStatus::kFailed) {
-    active.clear();
-    status = program_.solve(right_side_.data(), active);
-  }
-  if (status == QpStatus::kInfeasible || !form_.parameter_rows.contains(q.data(), 0.0)) {
-    ++statistics_.infeasible_points;
-    return;
-  }
-  if (status == QpStatus::kFailed) {
-    if (region_holding(q.data()) < 0) ++statistics_.unresolved_points;
-    return;
-  }
-  const std::size_t before = regions_.size();
-  int neighbour = region_of(active);
-  if (active != flip) {
-    ++statistics_.degenerate_fallbacks;
-    if (first) region_of(flip);
-  }
-  if (neighbour == kSaturatedRegion) return;
-  if (neighbour >= 0) {
-    const Polytope& other = regions_[index(neighbour)].polytope;
-    if (!first && static_cast<std::size_t>(neighbour) >= before) ++statistics_.closure_misses;
-    if (neighbour == region || other.facets.contains(q.data(), 1e-8)) {
-      link(region, facet, neighbour);
-      return;
-    }
-  }
-  // A flat or ill-conditioned active set.
-  const int holder = region_holding(q.data());
-  if (holder >= 0) {
-    link(region, facet, holder);
-    return;
-  }
-  if (accept_flat(active, region, facet, q)) {
-    ++statistics_.flat_regions_dropped;
-    if (step < 1e-3) cross_by(region, facet, on_facet, 10.0 * step, first);
-    return;
-  }
-  ExploredRegion thin;
-  if (neighbour < 0 && build(active, kForcedRadius, thin) == Built::kFull) {
-    link(region, facet, adopt(std::move(thin)));
-    return;
-  }
-  ++statistics_.unresolved_points;
-}
-
-void RegionExplorer::report() {
-  if (!options_.progress) return;
-  if (!options_.progress(static_cast<int>(next_), static_cast<int>(regions_.size()))) {
-    throw Cancelled();
-  }
-}
-
-void RegionExplorer::explore_queue() {
-  while (next_ < regions_.size()) {
-    if (next_ % 64 == 0) report();
-    const int region = static_cast<int>(next_);
-    const std::size_t facets = regions_[next_].polytope.labels.size();
-    for (std::size_t f = 0; f < facets; ++f) {
-      if (regions_[next_].polytope.labels[f] < 0) continue;
-      const Point on_facet = regions_[next_].polytope.facet_points[f];
-      cross(region, static_cast<int>(f), on_facet, true);
-    }
-    ++next_;
-  }
-}
-
-bool RegionExplorer::check_closure() {
-  const int np = form_.parameters;
-  const int wanted =
-      options_.closure_points_per_facet > 0 ? options_.closure_points_per_facet : 2 * np;
-  std::mt19937 random(options_.seed);
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  while (closed_ < regions_.size()) {
-    if (closed_ % 64 == 0) report();
-    const int region = static_cast<int>(closed_);
-    const std::size_t facets = regions_[closed_].polytope.labels.size();
-    for (std::size_t f = 0; f < facets; ++f) {
-      if (regions_[closed_].polytope.labels[f] < 0) continue;
-      const int facet = static_cast<int>(f);
-      Point middle = regions_[closed_].polytope.facet_points[f];
-      for (int pair = 0; 2 * pair < wanted; ++pair) {
-        const Polytope& polytope = regions_[closed_].polytope;
-        // A random line in the facet through its middle, and both ends of the chord.
-        Point line{};
-        double along = 0.0;
-        for (int j = 0; j < np; ++j) {
-          line[index(j)] = uniform(random);
-          along += line[index(j)] * polytope.facets.normal(facet, j);
-        }
-        for (int j = 0; j < np; ++j) {
-          line[index(j)] -= along * polytope.facets.normal(facet, j);
-        }
-        double forward = 4.0;
-        double backward = 4.0;
-        for (int i = 0; i < polytope.facets.size(); ++i) {
-          if (i == facet) continue;
-          const double speed = polytope.facets.product(i, line.data());
-          const double slack =
-              std::max(polytope.facets.offset(i) - polytope.facets.product(i, middle.data()), 0.0);
-          if (speed > 1e-14) forward = std::min(forward, slack / speed);
-          if (speed < -1e-14) backward = std::min(backward, -slack / speed);
-        }
-        Point ends[2];
-        for (int j = 0; j < np; ++j) {
-          const double x = middle[index(j)];
-          ends[0][index(j)] = x + 0.97 * forward * line[index(j)];
-          ends[1][index(j)] = x - 0.97 * backward * line[index(j)];
-          middle[index(j)] = x + 0.5 * (forward - backward) * line[index(j)];
-        }
-        for (int j = np; j < kMaxDimension; ++j) ends[0][index(j)] = ends[1][index(j)] = 0.0;
-        cross(region, facet, ends[0], false);
-        cross(region, facet, ends[1], false);
+// Across the facet that q violates most, again and again.
+int RegionExplorer::walk_to(const double* q, int start) const {
+  int region = start;
+  for (int step = 0; step < 100; ++step) {
+    const ExploredRegion& here = regions_[index(region)];
+    const HalfSpaces& facets = here.polytope.facets;
+    int worst = -1;
+    double excess = kInside;
+    for (int f = 0; f < facets.size(); ++f) {
+      const double e = facets.product(f, q) - facets.offset(f);
+      if (e > excess) {
+        excess = e;
+        worst = f;
       }
     }
-    ++closed_;
-    if (next_ < regions_.size()) return false;
+    if (worst < 0) return region;
+    const std::vector<int>& neighbours = here.neighbours[index(worst)];
+    if (neighbours.empty()) return -1;
+    region = neighbours[index(step) % neighbours.size()];
   }
-  return true;
+  return -1;
 }
 
 bool RegionExplorer::check_random_points() {
@@ -377,46 +410,69 @@ bool RegionExplorer::check_random_points() {
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   std::vector<int> active;
   Point q{};
+  int last = 0;
   for (int i = 0; i < options_.random_points; ++i) {
+    if (i % 256 == 0 && !report(false)) throw Cancelled();
     for (int j = 0; j < form_.parameters; ++j) q[index(j)] = uniform(random);
     if (!form_.parameter_rows.contains(q.data(), 0.0)) continue;
-    form_.right_side(q.data(), right_side_.data());
-    const QpStatus status = program_.solve(right_side_.data(), active);
-    if (status == QpStatus::kInfeasible) {
+    ++statistics_.random_points;
+    if (!regions_.empty()) {
+      const int found = walk_to(q.data(), last);
+      if (found >= 0) {
+        last = found;
+        continue;
+      }
+    }
+    if (solve_at(q, 0.0, active) == QpStatus::kInfeasible) {
       ++statistics_.infeasible_points;
       active.clear();
       continue;
     }
-    ++statistics_.closure_points;
-    const auto found = known_.find(active);
-    if (status == QpStatus::kOptimal && found != known_.end() && found->second != kFlatRegion) {
-      continue;
-    }
+    const auto entry = known_.find(active);
+    if (entry != known_.end() && seen_[index(entry->second)].built == Built::kSaturated) continue;
+    if (entry != known_.end() && seen_[index(entry->second)].region >= 0) continue;
     if (region_holding(q.data()) >= 0) continue;
-    if (status == QpStatus::kOptimal && region_of(active) == kSaturatedRegion) continue;
-    ++statistics_.closure_misses;
-    if (status != QpStatus::kOptimal || region_of(active) == kFlatRegion) {
-      ++statistics_.unresolved_points;
+    if (solve_at(q, 1e-9, active) == QpStatus::kOptimal) {
+      const SeenSet& seen = seen_[index(see_and_build(active))];
+      if (seen.built == Built::kSaturated) continue;
+      if (seen.region >= 0) {
+        if (!options_.output) ++statistics_.closure_misses;
+        continue;
+      }
     }
+    unresolved(q);
   }
   return next_ == regions_.size();
 }
 
-void RegionExplorer::run() {
-  std::vector<int> active;
-  for (const Eigen::VectorXd& q : form_.feasible_points) {
-    form_.right_side(q.data(), right_side_.data());
-    if (program_.solve(right_side_.data(), active) == QpStatus::kOptimal) region_of(active);
-    if (!regions_.empty()) break;
+void RegionExplorer::link_both_ways() {
+  for (std::size_t r = 0; r < regions_.size(); ++r) {
+    for (std::size_t f = 0; f < regions_[r].neighbours.size(); ++f) {
+      for (const int other : regions_[r].neighbours[f]) {
+        const HalfSpaces& own = regions_[r].polytope.facets;
+        const HalfSpaces& others = regions_[index(other)].polytope.facets;
+        for (int g = 0; g < others.size(); ++g) {
+          double apart = std::abs(own.offset(static_cast<int>(f)) + others.offset(g));
+          for (int j = 0; j < form_.parameters; ++j) {
+            apart =
+                std::max(apart, std::abs(own.normal(static_cast<int>(f), j) + others.normal(g, j)));
+          }
+          if (apart <= 1e-6) link(other, g, static_cast<int>(r));
+        }
+      }
+    }
   }
-  if (regions_.empty()) check_random_points();
+}
+
+void RegionExplorer::run() {
+  if (!report(true)) throw Cancelled();
+  find_first_region();
   do {
-    do {
-      explore_queue();
-    } while (!check_closure());
+    while (next_ < regions_.size()) explore_round();
   } while (!check_random_points());
-  report();
-  statistics_.lps = reducer_.lp_count();
+  link_both_ways();
+  if (!report(true)) throw Cancelled();
+  for (const auto& builder : builders_) statistics_.lps += builder->lp_count();
   statistics_.qps = program_.count();
   statistics_.regions = static_cast<int>(regions_.size());
 }

@@ -1,8 +1,20 @@
 // Exploration of the critical regions of a problem in least-distance form, by crossing facets.
+//
+// A facet is shared exactly with the regions that RegionBuilder::cross names: on its plane the
+// solutions and multipliers of both sides agree, so what one side's constraints leave of the plane
+// the other side's leave too. Nothing has to be sampled for that. Active sets whose region is flat
+// are walked through: their facet on the same plane leads on. What rounding leaves open (slivers)
+// is stepped across and judged by how far the solution can be wrong there, or reported.
+//
+// In rounds: the sets beyond the facets of all regions found so far are listed in order, built by
+// all threads, and adopted in order. So the result is the same for any number of threads.
 #pragma once
 
 #include <Eigen/Dense>
+#include <chrono>
 #include <functional>
+#include <memory>
+#include <string>
 #include <unordered_map>
 #include <vector>
 
@@ -10,68 +22,81 @@
 #include "law_design/mpqp.hpp"
 #include "law_design/polytope.hpp"
 #include "law_design/quadratic_program.hpp"
+#include "law_design/region_builder.hpp"
 
 namespace eampc::law_design {
 
-struct ExploredRegion {
-  std::vector<int> active;         ///< rows of the least-distance form, ascending
-  LeastDistanceForm::RowMatrix z;  ///< z = z·(q, 1), n×(np+1)
-  Polytope polytope;               ///< in q; labels are rows of the form, kBoxLabel or below
-  std::vector<FacetKind> facet_kinds;        ///< per facet
-  std::vector<std::vector<int>> neighbours;  ///< per facet
-};
-
 class RegionExplorer {
  public:
-  RegionExplorer(const LeastDistanceForm& form, const MpQpOptions& options);
+  RegionExplorer(const LeastDistanceForm& form, const MpQpOptions& options,
+                 std::chrono::steady_clock::time_point start);
 
-  /// Explores until every facet has been crossed and the closure checks find nothing new.
+  /// Explores until every facet has been crossed and seeded random points find nothing new.
   void run();
 
-  const std::vector<ExploredRegion>& regions() const { return regions_; }
+  std::vector<ExploredRegion>& regions() { return regions_; }
   const MpQpStatistics& statistics() const { return statistics_; }
+  /// Where the first unresolved point lies, in q, and why.
+  const Point& unresolved_at() const { return unresolved_at_; }
 
  private:
   struct ActiveSetHash {
     std::size_t operator()(const std::vector<int>& active) const;
   };
-  enum class Built { kFull, kFlat, kEmpty };
+  /// An active set that has been seen.
+  struct SeenSet {
+    const std::vector<int>* active = nullptr;
+    Built built = Built::kEmpty;
+    int region = -1;                   ///< if full
+    std::unique_ptr<RegionRows> rows;  ///< if flat
+  };
+  /// A set reached from a facet of a region, perhaps through flat ones.
+  struct Step {
+    int region, facet, seen, depth;
+  };
+  struct FacetOutcome {
+    bool saturated = false, infeasible = false, failed = false;
+    Point at{};  // where it failed
+  };
 
-  /// z = z(q, 1) and the multipliers on an active set; false if its rows are dependent.
-  bool solve_active_set(const std::vector<int>& active);
-  bool output_is_saturated() const;
-  Built build(const std::vector<int>& active, double least_radius, ExploredRegion& region);
-  /// Index of the region of this active set, built on first sight; kFlatRegion if it has none.
-  int region_of(const std::vector<int>& active);
-  int adopt(ExploredRegion&& region);
-  /// Index of some region that holds q, or -1.
-  int region_holding(const double* q) const;
-  void cross(int region, int facet, const Point& on_facet, bool first);
-  void cross_by(int region, int facet, const Point& on_facet, double step, bool first);
-  /// Deals with a point whose active set has no full-dimensional region. True if `region`'s law is
-  /// proved good enough there.
-  bool accept_flat(const std::vector<int>& active, int region, int facet, const Point& q);
+  /// Index in seen_, listed for building if new.
+  int see(std::vector<int> active);
+  int see_and_build(std::vector<int> active);
+  void build_listed();
+  void adopt(ExploredRegion&& region, SeenSet& seen);
+  void explore_round();
+  void take(const Step& step, FacetOutcome& outcome, std::vector<Step>& further);
+  void walk_through(const Step& step, FacetOutcome& outcome, std::vector<Step>& further);
+  bool shares_plane(int region, int facet, int other) const;
   void link(int region, int facet, int neighbour);
-  void explore_queue();
-  bool check_closure();
+  void settle(int region, int facet, const FacetOutcome& outcome);
+  void step_across(int region, int facet, const Point& middle);
+  bool adopt_thin(int seen);
+  double jump(int region, int other, const Point& q) const;
+  void unresolved(const Point& q);
+  QpStatus solve_at(const Point& q, double nudge, std::vector<int>& active);
+  void find_first_region();
+  int walk_to(const double* q, int start) const;
+  int region_holding(const double* q) const;
   bool check_random_points();
-  void report();
+  void link_both_ways();
+  bool report(bool now);
 
   const LeastDistanceForm& form_;
   const MpQpOptions& options_;
+  const std::chrono::steady_clock::time_point start_;
+  std::chrono::steady_clock::time_point reported_;
+  int threads_;
   MpQpStatistics statistics_;
   LeastDistanceProgram program_;
-  PolytopeReducer reducer_;
-  ActiveRows factor_;
+  std::vector<std::unique_ptr<RegionBuilder>> builders_;  // one per thread
   std::vector<ExploredRegion> regions_;
   std::unordered_map<std::vector<int>, int, ActiveSetHash> known_;
-  std::size_t next_ = 0;    // first region whose facets have not been crossed
-  std::size_t closed_ = 0;  // first region whose facets have not been closed
-  std::vector<double> right_side_, right_side_of_active_;
-  Eigen::MatrixXd z_, lambda_;              // of the last active set solved
-  Eigen::RowVectorXd output_z_, output_q_;  // y = output_z·z + output_q·(q, 1)
-  HalfSpaces region_rows_;
-  std::vector<int> region_labels_;
+  std::vector<SeenSet> seen_;
+  std::vector<int> listed_;
+  std::size_t next_ = 0;  // first region whose facets have not been crossed
+  std::vector<double> right_side_;
+  Point unresolved_at_{};
 };
 
 }  // namespace eampc::law_design
