@@ -11,6 +11,7 @@ void bind_simulation(nanobind::module_& m);
 void bind_step_timing(nanobind::module_& m);
 void bind_verification(nanobind::module_& m);
 void bind_worst_vertex(nanobind::module_& m);
+void bind_certificate(nanobind::module_& m);
 
 }  // namespace eampc::law_design
 
@@ -24,4 +25,5 @@ NB_MODULE(_core, m) {
   eampc::law_design::bind_step_timing(m);
   eampc::law_design::bind_verification(m);
   eampc::law_design::bind_worst_vertex(m);
+  eampc::law_design::bind_certificate(m);
 }

@@ -1,0 +1,149 @@
+#include "law_design/law_in_tables.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+
+namespace eampc::law_design {
+namespace {
+
+using service::LawTables;
+
+void require(bool condition, const char* sentence) {
+  if (!condition) throw std::invalid_argument(sentence);
+}
+
+// first[k] .. first[k+1] are not empty and end at `size`.
+bool cuts(const std::vector<std::int32_t>& first, std::size_t size) {
+  return !first.empty() && first.front() == 0 && static_cast<std::size_t>(first.back()) == size &&
+         std::adjacent_find(first.begin(), first.end(), std::greater_equal<>()) == first.end();
+}
+
+bool in_range(std::int32_t value, std::size_t size) {
+  return value >= 0 && static_cast<std::size_t>(value) < size;
+}
+
+void check(const LawTables& t, std::size_t np) {
+  const std::size_t pieces = t.piece_offset.size();
+  const std::size_t planes = t.hyperplanes.size() / (np + 1);
+  require(static_cast<std::size_t>(t.n_parameters) == np && t.piece_gain.size() == pieces * np &&
+              t.hyperplanes.size() == planes * (np + 1) && t.fold.size() == np,
+          "certificate: the evaluator's tables do not fit the problem's parameters");
+  require(cuts(t.term_first, t.term_pieces.size()) && cuts(t.leaf_first, t.term_first.size() - 1),
+          "certificate: the evaluator's leaves are not cut into terms of pieces");
+  for (const std::int32_t piece : t.term_pieces) {
+    require(in_range(piece, pieces), "certificate: a leaf names a piece that does not exist");
+  }
+  const std::size_t leaves = t.leaf_first.size() - 1;
+  const std::size_t nodes = t.node_planes.size() / service::kPlanesPerNode;
+  if (t.flat) {
+    require(planes <= 64 && t.leaf_care.size() == leaves && t.leaf_bits.size() == leaves,
+            "certificate: the flat evaluator's masks do not fit its leaves");
+    for (const std::uint64_t care : t.leaf_care) {
+      require(planes == 64 || care >> planes == 0,
+              "certificate: a mask names a hyperplane that does not exist");
+    }
+    return;
+  }
+  require(t.node_planes.size() == nodes * service::kPlanesPerNode &&
+              t.node_children.size() == nodes * service::kChildrenPerNode,
+          "certificate: the evaluator's nodes are not whole");
+  const auto exists = [&](std::int32_t code) {
+    return code >= 0 ? in_range(code, nodes) : in_range(~code, leaves);
+  };
+  require(exists(t.root) && std::all_of(t.node_children.begin(), t.node_children.end(), exists),
+          "certificate: the evaluator names a node or leaf that does not exist");
+  for (const std::int32_t plane : t.node_planes) {
+    require(plane == -1 || in_range(plane, planes),
+            "certificate: a node names a hyperplane that does not exist");
+  }
+}
+
+}  // namespace
+
+LawInTables law_in_tables(const LawTables& tables, const CertificateProblem& problem,
+                          const OutputLaw& output) {
+  const std::size_t np = static_cast<std::size_t>(problem.parameters);
+  check(tables, np);
+  const auto scaled = [&](const double* gain, double offset, AffineForm& form) {
+    long double constant = offset;
+    for (std::size_t j = 0; j < np; ++j) {
+      const Eigen::Index c = static_cast<Eigen::Index>(j);
+      form[j] = gain[j] * problem.half_width(c);
+      constant += static_cast<long double>(gain[j]) * problem.centre(c);
+    }
+    form[np] = static_cast<double>(constant);
+  };
+  LawInTables law;
+  law.planes = HalfSpaces(problem.parameters);
+  for (std::size_t i = 0; i < tables.hyperplanes.size(); i += np + 1) {
+    AffineForm form{};
+    scaled(&tables.hyperplanes[i], -tables.hyperplanes[i + np], form);
+    double norm = 0.0;
+    for (std::size_t j = 0; j < np; ++j) norm += form[j] * form[j];
+    norm = std::sqrt(norm);
+    require(norm > 0.0 && std::isfinite(norm) && std::isfinite(form[np]),
+            "certificate: a hyperplane of the evaluator is no hyperplane");
+    for (std::size_t j = 0; j < np; ++j) form[j] /= norm;
+    law.planes.append(form.data(), -form[np] / norm);
+  }
+  const double range = output.y_max - output.y_min;
+  for (std::size_t k = 0; k < tables.piece_offset.size(); ++k) {
+    AffineForm form{};
+    scaled(&tables.piece_gain[k * np], tables.piece_offset[k] - output.y_min, form);
+    double steep = 0.0;
+    for (std::size_t j = 0; j <= np; ++j) {
+      form[j] /= range;
+      require(std::isfinite(form[j]), "certificate: a piece holds a number that is not finite");
+      if (j < np) steep += form[j] * form[j];
+    }
+    law.steepest_piece = std::max(law.steepest_piece, std::sqrt(steep));
+    law.pieces.push_back(form);
+  }
+  double norm = 0.0;
+  for (std::size_t j = 0; j < np; ++j) {
+    law.fold[j] = tables.fold[j] * problem.half_width(static_cast<Eigen::Index>(j));
+    norm += law.fold[j] * law.fold[j];
+  }
+  norm = std::sqrt(norm);
+  law.folded = norm > 0.0;
+  if (law.folded) {
+    require(std::isfinite(norm), "certificate: the fold holds a number that is not finite");
+    require(problem.centre.isZero(0.0) && output.y_min == -output.y_max,
+            "certificate: the law is folded, but its box or its range is not symmetric about 0");
+    for (double& a : law.fold) a /= norm;
+  }
+  return law;
+}
+
+int tree_depth(const LawTables& tables) {
+  if (tables.flat || tables.root < 0) return 0;
+  constexpr int kUnseen = -1;
+  constexpr int kOpen = -2;
+  std::vector<int> height(tables.node_planes.size() / service::kPlanesPerNode, kUnseen);
+  std::vector<std::int32_t> path{tables.root};
+  while (!path.empty()) {
+    const std::size_t node = static_cast<std::size_t>(path.back());
+    height[node] = kOpen;
+    int most = 0;
+    bool waiting = false;
+    for (std::size_t c = 0; c < service::kChildrenPerNode; ++c) {
+      const std::int32_t child = tables.node_children[node * service::kChildrenPerNode + c];
+      if (child < 0) continue;
+      const int known = height[static_cast<std::size_t>(child)];
+      require(known != kOpen, "certificate: a path of the tree runs in a circle");
+      if (known == kUnseen && !waiting) {
+        path.push_back(child);
+        waiting = true;
+      }
+      most = std::max(most, known);
+    }
+    if (waiting) continue;
+    height[node] = most + 1;
+    path.pop_back();
+  }
+  return height[static_cast<std::size_t>(tables.root)];
+}
+
+}  // namespace eampc::law_design
