@@ -108,7 +108,7 @@ struct LawConfig {
   double u_max = 0.0;
   std::array<double, kMaxParameters> lower{};
   std::array<double, kMaxParameters> upper{};
-  SearchTree tree{};  // spans into storage owned by whoever loaded the law file
+  PackedLaw packed;  // spans into storage owned by whoever loaded the law file
 };
 
 struct ValveConfig {

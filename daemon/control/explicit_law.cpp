@@ -22,10 +22,10 @@ bool clamp_onto(double& value, double lower, double upper) noexcept {
 LawOutput ExplicitLaw::at(ParameterVector p) const noexcept {
   const LawConfig& law = config_.law;
   LawOutput output;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(law.tree.n_parameters); ++i) {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(law.packed.n_parameters); ++i) {
     output.parameter_clamped |= clamp_onto(p[i], law.lower[i], law.upper[i]);
   }
-  const LawValue value = evaluate(law.tree, p.data());
+  const LawValue value = evaluate(law.packed, p.data());
   output.region = value.piece;
   // Clipping would hide an infinite value from the finite check of safety.
   output.u = std::isfinite(value.u) ? std::clamp(value.u, law.u_min, law.u_max) : value.u;

@@ -4,8 +4,8 @@
 //   tracking: p = (θ − y_r, θ̇ − ẏ_r [, v − u_ss], u_ss, y_r, ẏ_r),  u_ss = (ÿ_r − b1 y_r − b2 ẏ_r −
 //   d̂)/b
 // A parameter outside the box is clamped onto it and reported; u_ss is clamped before v − u_ss is
-// formed. Cost: one comparison of np products per level of the tree, one affine piece. Absent: any
-// online optimisation.
+// formed. Cost: that of one evaluation of the law (service::evaluation_cost) and np comparisons.
+// Absent: any online optimisation.
 #pragma once
 
 #include <array>

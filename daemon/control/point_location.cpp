@@ -1,32 +1,45 @@
 #include "control/point_location.hpp"
 
-#include <cstddef>
-#include <limits>
+#include "control/point_location_paths.hpp"
 
 namespace eampc::control {
 namespace {
 
-// The order of the sum is fixed, so that every compiler and every caller gets the same bits.
-double product(const double* a, const double* x) noexcept {
-  const double even = (a[0] * x[0] + a[2] * x[2]) + (a[4] * x[4] + a[6] * x[6]);
-  const double odd = (a[1] * x[1] + a[3] * x[3]) + (a[5] * x[5] + a[7] * x[7]);
-  return even + odd;
+bool processor_has(EvaluationPath path) noexcept {
+#if defined(__x86_64__)
+  if (path == EvaluationPath::kAvx2) return __builtin_cpu_supports("avx2") != 0;
+  if (path == EvaluationPath::kAvx512) {
+    return __builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512dq") != 0 &&
+           __builtin_cpu_supports("avx512vl") != 0;
+  }
+  return true;
+#else
+  return path == EvaluationPath::kScalar || path == EvaluationPath::kVector128;
+#endif
 }
 
 }  // namespace
 
-LawValue evaluate(const SearchTree& tree, const double* p) noexcept {
-  double x[kMaxParameters] = {};
-  for (int j = 0; j < tree.n_parameters; ++j) x[j] = p[j];
-  std::int32_t at = tree.root;
-  for (int level = 0; at >= 0 && level < tree.depth; ++level) {
-    const SplitNode& node = tree.nodes[static_cast<std::size_t>(at)];
-    at = product(node.normal, x) <= node.offset ? node.below : node.above;
+PackedLaw::Function evaluation(int n_parameters, LawShape shape, EvaluationPath path) noexcept {
+  if (path == EvaluationPath::kBest) {
+    path = EvaluationPath::kVector128;
+    for (const EvaluationPath wider : {EvaluationPath::kAvx2, EvaluationPath::kAvx512}) {
+      if (processor_has(wider)) path = wider;
+    }
   }
-  if (at >= 0) return {std::numeric_limits<double>::quiet_NaN(), -1};
-  const std::int32_t piece = ~at;
-  const AffinePiece& law = tree.pieces[static_cast<std::size_t>(piece)];
-  return {product(law.gain, x) + law.offset, piece};
+  if (!processor_has(path)) return nullptr;
+  switch (path) {
+#if defined(__x86_64__)
+    case EvaluationPath::kAvx512:
+      return paths::avx512(n_parameters, shape);
+    case EvaluationPath::kAvx2:
+      return paths::avx2(n_parameters, shape);
+#endif
+    case EvaluationPath::kVector128:
+      return paths::vector128(n_parameters, shape);
+    default:
+      return paths::scalar(n_parameters, shape);
+  }
 }
 
 }  // namespace eampc::control

@@ -1,49 +1,97 @@
-// p (the law's parameters, units of the rig) → u (V) and the affine piece that gave it.
+// p (the law's parameters, units of the rig) → u, not clipped, and the affine piece that gave it.
 //
-// Binary search tree over the partition of an explicit law: each node compares normal·p with its
-// offset, each leaf names one affine piece u = gain·p + offset.
-// Cost bound: `depth` products of kMaxParameters numbers and one piece; no other loop.
-// Absent on purpose: clipping, clamping p onto the parameter box and finite checks (the caller
-// does all three), loading, validation of the arrays (done when the law file is read).
+// An explicit law is located by comparing p with hyperplanes, normal·p ≤ offset being "below", and
+// ends in a leaf that holds several affine pieces: u = max over terms of (min over its pieces).
+//   tree:  a node compares 7 hyperplanes at once, three levels of a binary tree, 8 ways out
+//   flat:  up to 64 hyperplanes at once → bit mask → the first leaf that matches
+//   a tree without nodes is one leaf: the global lattice of the law
+// Everything is computed in double, in a fixed order of summation and without fused operations, so
+// that every path (scalar, 128-bit, AVX2, AVX-512) gives the same bits:
+//   normal·p: products summed in adjacent pairs, level by level, an odd one carried
+//   piece:    the same over (offset, gain_1 p_1, …, gain_np p_np)
+// Eight hyperplanes or pieces stand side by side in memory, one per lane; unused lanes repeat.
+// Cost bound: `depth` nodes or all hyperplanes, then one leaf (service::evaluation_cost); no other
+// loop. Absent on purpose: clipping, clamping p onto the parameter box, finite checks (the caller
+// does all three), allocation, any check of the tables (done when they are packed).
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
 namespace eampc::control {
 
-// e (3), u_ss, y_r and ẏ_r make 6 today; two spare keep a node at 80 bytes.
+// e (3), u_ss, y_r and ẏ_r make 6 today; two spare.
 inline constexpr int kMaxParameters = 8;
-
-/// normal·p ≤ offset leads to `below`, else (and for NaN) to `above`.
-/// A child ≥ 0 is a node, a child < 0 is the piece ~child. Unused entries of `normal` are 0.
-struct SplitNode {
-  double normal[kMaxParameters];
-  double offset;
-  std::int32_t below;
-  std::int32_t above;
-};
-
-/// u = gain·p + offset. Unused entries of `gain` are 0.
-struct AffinePiece {
-  double gain[kMaxParameters];
-  double offset;
-};
-
-struct SearchTree {
-  std::span<const SplitNode> nodes;
-  std::span<const AffinePiece> pieces;
-  int n_parameters;
-  int depth;          ///< most nodes on a path from the root to a leaf
-  std::int32_t root;  ///< a child as in SplitNode
-};
+// Hyperplanes or pieces side by side: one 64-byte line of doubles.
+inline constexpr std::size_t kLanes = 8;
 
 struct LawValue {
   double u;            ///< not clipped
-  std::int32_t piece;  ///< -1, with u = NaN, if no leaf came within `depth` (a malformed tree)
+  std::int32_t piece;  ///< -1, with u = NaN, if p is NaN or no leaf matches
 };
 
-/// Evaluates the law at p[0 .. n_parameters).
-LawValue evaluate(const SearchTree& tree, const double* p) noexcept;
+// Rows of a leaf with several literals per term: lanes are terms, rows their pieces.
+struct PackedLeaf {
+  std::uint32_t first_row = 0;
+  std::uint32_t first_group = 0;
+  std::uint32_t groups = 0;  ///< of eight terms each
+  bool negated = false;
+};
+
+// Code of a leaf whose terms have one piece each, or of one term (stored negated, min a = −max −a).
+struct LeafCode {
+  static constexpr int kGroupBits = 4;
+  static constexpr std::uint32_t kMostGroups = (1U << kGroupBits) - 1;
+  static constexpr std::uint32_t kMostRows = 1U << (31 - kGroupBits - 1);
+
+  static constexpr std::uint32_t of(std::uint32_t first_row, std::uint32_t groups, bool negated) {
+    return (first_row << (kGroupBits + 1)) | (groups << 1) | (negated ? 1U : 0U);
+  }
+  static constexpr std::uint32_t first_row(std::uint32_t code) { return code >> (kGroupBits + 1); }
+  static constexpr std::uint32_t groups(std::uint32_t code) { return (code >> 1) & kMostGroups; }
+};
+
+// A law as it runs: spans into 64-byte aligned storage owned by whoever packed it.
+struct PackedLaw {
+  using Function = LawValue (*)(const PackedLaw& law, const double* p) noexcept;
+
+  Function function = nullptr;  ///< chosen once, by np, shape and processor
+  int n_parameters = 0;
+  int depth = 0;          ///< most nodes on a path
+  std::int32_t root = 0;  ///< a child as below
+  /// Nodes of (np+2)·64 bytes: np rows of eight normals, eight offsets, eight children (int32). A
+  /// child ≥ 0 is the byte at which a node begins, a child < 0 is a leaf: ~child is its LeafCode,
+  /// or with `leaves` its number.
+  std::span<const std::byte> nodes;
+  /// Flat: rows of eight hyperplanes, np normals and an offset each.
+  std::span<const double> planes;
+  /// Flat: per eight leaves eight `care`, eight `bits`; and per leaf a code as ~child.
+  std::span<const std::uint64_t> matches;
+  std::span<const std::uint32_t> flat_leaves;
+  /// Rows of eight pieces: eight offsets, np rows of eight gains; and their numbers.
+  std::span<const double> rows;
+  std::span<const std::int32_t> row_pieces;
+  /// Only if some leaf has terms of several pieces.
+  std::span<const PackedLeaf> leaves;
+  std::span<const std::uint32_t> group_rows;
+  /// Empty, or np numbers: where fold·p < 0 the law is −law(−p).
+  std::span<const double> fold;
+};
+
+/// u and piece at p[0 .. n_parameters). Noexcept, no allocation, no branch on the path taken.
+inline LawValue evaluate(const PackedLaw& law, const double* p) noexcept {
+  return law.function(law, p);
+}
+
+enum class EvaluationPath : std::uint8_t { kBest, kScalar, kVector128, kAvx2, kAvx512 };
+
+struct LawShape {
+  bool flat = false;
+  bool general_leaves = false;
+};
+
+/// The evaluation for np parameters; nullptr if this machine or np cannot have it.
+PackedLaw::Function evaluation(int n_parameters, LawShape shape, EvaluationPath path) noexcept;
 
 }  // namespace eampc::control

@@ -19,7 +19,7 @@ namespace {
 
 using control::ControllerConfig;
 
-constexpr std::int64_t kVersion = 1;
+constexpr std::int64_t kVersion = 2;
 // A hundred times the reference law's 2 MB.
 constexpr std::uintmax_t kMaxFileBytes = std::uintmax_t{200} << 20;
 // The bounds of control.period_s in rig.toml; shorter ones would round to 0 ns, or ramps overflow.
@@ -148,7 +148,12 @@ LawFile LawFile::from_bytes(std::span<const std::uint8_t> bytes, const std::stri
   const LawValue law_section = payload.at("law");
   read_law(law_section, config, config.law);
   const int np = static_cast<int>(law_section.at("parameter_names").texts().size());
-  read_tree(law_section.at("tree"), np, config.law.tree, law.nodes_, law.pieces_);
+  try {
+    law.packing_ = LawPacking(read_law_tables(law_section, np));
+  } catch (const std::invalid_argument& error) {  // larger than an evaluation can address
+    law_section.at("evaluator").fail(std::string("cannot be used: ") + error.what());
+  }
+  config.law.packed = law.packing_.law();
   read_valve(payload.at("valve"), law_section, config, config.valve);
   read_safety(payload.at("safety"), period_s, config.safety);
   read_bus(payload.at("bus"), config);

@@ -1,8 +1,8 @@
-// The law file: MessagePack bytes → a checked ControllerConfig with the storage of its search tree.
+// The law file: MessagePack bytes → a checked ControllerConfig with the storage of its packed law.
 // Checked before anything real-time starts: format, checksum, every size, range and number, that
-// the signals fit their frames without overlap, and that every path of the tree ends in a piece
-// within the stated depth. Absent: the design problem kept beside the law (for Python's eyes), any
-// writing.
+// the signals fit their frames without overlap, that every path of the law's tree ends in a leaf
+// within the stated depth, and that an evaluation takes the stated number of operations. Absent:
+// the design problem kept beside the law (for Python's eyes), any writing.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "control/controller_config.hpp"
+#include "service/law_packing.hpp"
 
 namespace eampc::service {
 
@@ -46,7 +47,7 @@ class LawFile {
   // `name` stands for the file in error sentences.
   static LawFile from_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
-  // The configuration's tree points into this object: moving keeps it, copying is not possible.
+  // The configuration's law points into this object: moving keeps it, copying is not possible.
   LawFile(LawFile&&) noexcept = default;
   LawFile& operator=(LawFile&&) noexcept = default;
   LawFile(const LawFile&) = delete;
@@ -60,8 +61,7 @@ class LawFile {
 
   control::ControllerConfig config_;
   LawMeta meta_;
-  std::vector<control::SplitNode> nodes_;
-  std::vector<control::AffinePiece> pieces_;
+  LawPacking packing_;
 };
 
 }  // namespace eampc::service

@@ -2,18 +2,17 @@
 // configuration, or throws LawFileError with the key that is wrong.
 #pragma once
 
-#include <vector>
-
 #include "control/controller_config.hpp"
 #include "service/law_file.hpp"
+#include "service/law_tables.hpp"
 #include "service/law_value.hpp"
 
 namespace eampc::service {
 
 void read_model(const LawValue& model, double period_s, control::DiscreteModel& out);
 void read_estimator(const LawValue& estimator, double period_s, control::EstimatorConfig& out);
-void read_tree(const LawValue& tree, int np, control::SearchTree& out,
-               std::vector<control::SplitNode>& nodes, std::vector<control::AffinePiece>& pieces);
+// Pieces and evaluator of the section law, without defect.
+LawTables read_law_tables(const LawValue& law, int np);
 void read_law(const LawValue& law, const control::ControllerConfig& config,
               control::LawConfig& out);
 void read_valve(const LawValue& valve, const LawValue& law, const control::ControllerConfig& config,

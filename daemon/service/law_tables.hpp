@@ -3,7 +3,10 @@
 // The design makes them, the law file carries them, law_packing turns them into what runs.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <string>
 #include <vector>
 
 namespace eampc::service {
@@ -26,7 +29,8 @@ struct LawTables {
   // Tree. A code ≥ 0 is a node, a code < 0 is the leaf ~code.
   std::int32_t root = -1;
   int depth = 0;  ///< most nodes on a path
-  /// n_nodes×7, heap order: below plane k follows plane 2k+1, above it 2k+2. −1: always below.
+  /// n_nodes×7, heap order: below plane k follows plane 2k+1, above it 2k+2. −1: always below; the
+  /// children above it are not reached, but must be codes that exist.
   std::vector<std::int32_t> node_planes;
   /// n_nodes×8, by the path's bits (above = 1), first plane most significant.
   std::vector<std::int32_t> node_children;
@@ -40,6 +44,24 @@ struct LawTables {
 
   /// np. Zeros: none. Else u(−p) = −u(p) and only fold·p ≥ 0 is in the tables.
   std::vector<double> fold;
+
+  std::size_t n_pieces() const { return piece_offset.size(); }
+  std::size_t n_planes() const {
+    return n_parameters < 0 ? 0 : hyperplanes.size() / (static_cast<std::size_t>(n_parameters) + 1);
+  }
+  std::size_t n_nodes() const { return node_planes.size() / kPlanesPerNode; }
+  std::size_t n_leaves() const { return leaf_first.empty() ? 0 : leaf_first.size() - 1; }
+  std::size_t n_terms() const { return term_first.empty() ? 0 : term_first.size() - 1; }
 };
+
+/// What is wrong with tables: the key of the law section and the rest of the sentence.
+struct LawTablesDefect {
+  std::string key;
+  std::string what;
+};
+
+/// Checks everything an evaluation relies on: shapes, ranges, finite numbers, that every path of a
+/// tree ends in a leaf after at most `depth` nodes, that leaves and terms hold something.
+std::optional<LawTablesDefect> find_defect(const LawTables& tables);
 
 }  // namespace eampc::service

@@ -32,8 +32,8 @@ TEST_F(TrackingLawTest, ParametersByHand) {
 }
 
 TEST_F(TrackingLawTest, TheValveErrorIsFormedWithTheClampedSteadyControl) {
-  joint_.pieces[0] = {};
-  joint_.pieces[0].gain[2] = 1.0;  // u = v − u_ss
+  joint_.gain = {0.0, 0.0, 1.0, 0.0, 0.0, 0.0};  // u = v − u_ss
+  connect(joint_);
   joint_.config.law.lower[3] = -2.0;
   joint_.config.law.upper[3] = 2.0;
   StateEstimate state;
@@ -69,8 +69,9 @@ TEST_F(TrackingLawTest, NotANumberComesOutAsNotANumber) {
 }
 
 TEST_F(TrackingLawTest, InfinityIsNotClippedIntoTheRange) {
-  joint_.pieces[0].gain[0] = 1e308;
-  joint_.pieces[0].offset = 1e308;
+  joint_.gain[0] = 1e308;
+  joint_.offset = 1e308;
+  connect(joint_);
   EXPECT_TRUE(std::isinf(law_.at({22.0}).u));
 }
 
@@ -90,7 +91,8 @@ TEST(ExplicitLaw, PaperReadsStateEstimateAndReference) {
   LawConfig& config = joint.config.law;
   config.formulation = Formulation::kPaper;
   config.reference_is_parameter = true;
-  joint.pieces[0] = {{1.0, 10.0, 100.0, 1000.0, 10000.0}, 0.5};
+  joint.gain = {1.0, 10.0, 100.0, 1000.0, 10000.0};
+  joint.offset = 0.5;
   config.u_min = -1e9;
   config.u_max = 1e9;
   connect(joint);

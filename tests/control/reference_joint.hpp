@@ -3,18 +3,20 @@
 // = −K e + u_ss as law, and the reference frames.
 #pragma once
 
-#include <array>
 #include <unsupported/Eigen/MatrixFunctions>
 #include <vector>
 
 #include "control/controller_config.hpp"
+#include "one_piece_law.hpp"
+#include "service/law_packing.hpp"
 
 namespace eampc::control {
 
 struct ReferenceJoint {
-  std::vector<SplitNode> nodes;
-  std::vector<AffinePiece> pieces;
+  std::vector<double> gain;  // u = gain·p + offset
+  double offset = 0.0;
   ControllerConfig config;
+  service::LawPacking packing;
 };
 
 // Signals of rigs/reference/reference.dbc.
@@ -77,18 +79,14 @@ inline ReferenceJoint reference_joint(bool valve_state = true) {
 
   const std::size_t np = valve_state ? 6 : 5;
   const std::size_t i_u_ss = np - 3;
-  AffinePiece piece{};
-  piece.gain[0] = -40.0;
-  piece.gain[1] = -2.0;
-  piece.gain[i_u_ss] = 1.0;
-  joint.pieces = {piece};
+  joint.gain.assign(np, 0.0);
+  joint.gain[0] = -40.0;
+  joint.gain[1] = -2.0;
+  joint.gain[i_u_ss] = 1.0;
   c.law.u_min = -100.0 / 9.0;  // (5 V − 0 V)/0.45 V
   c.law.u_max = 100.0 / 9.0;
   c.law.lower.fill(-22.0);
   c.law.upper.fill(22.0);
-  c.law.tree.n_parameters = static_cast<int>(np);
-  c.law.tree.depth = 0;
-  c.law.tree.root = -1;
 
   c.valve = {5.0, 0.45, 0.0, 10.0, 0.0, 4000.0};
   c.safety = {0.02, 0.5, 0.5, StopAction::kSoftStop, StopAction::kSoftStop, 1.0};
@@ -96,10 +94,10 @@ inline ReferenceJoint reference_joint(bool valve_state = true) {
   return joint;
 }
 
-// Call after the joint has its final place: the tree's spans point into it.
+// Call when gain and offset are final.
 inline void connect(ReferenceJoint& joint) {
-  joint.config.law.tree.nodes = joint.nodes;
-  joint.config.law.tree.pieces = joint.pieces;
+  joint.packing = service::LawPacking(service::one_piece_law(joint.gain, joint.offset));
+  joint.config.law.packed = joint.packing.law();
 }
 
 }  // namespace eampc::control

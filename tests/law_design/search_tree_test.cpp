@@ -20,7 +20,7 @@ using test::random_parameter;
 using test::region_at;
 
 double clipped(const BuiltSearchTree& tree, const Eigen::VectorXd& p, double bound) {
-  return std::clamp(control::evaluate(tree.view(), p.data()).u, -bound, bound);
+  return std::clamp(evaluate(tree.view(), p.data()).u, -bound, bound);
 }
 
 // The regions are judged by the problem's own optimality conditions in mpqp_test.cpp; here every
@@ -102,7 +102,7 @@ TEST(SearchTree, DepthBoundsEveryPath) {
   const BuiltSearchTree tree = build_search_tree(solve_mpqp(problem), first_input(problem, 4.0));
   const auto depth = [&](auto&& self, std::int32_t child) -> int {
     if (child < 0) return 0;
-    const control::SplitNode& node = tree.nodes[static_cast<std::size_t>(child)];
+    const SplitNode& node = tree.nodes[static_cast<std::size_t>(child)];
     return 1 + std::max(self(self, node.below), self(self, node.above));
   };
   EXPECT_EQ(depth(depth, tree.root), tree.depth);
@@ -122,16 +122,14 @@ TEST(SearchTree, RefusesASolutionWithAHole) {
   EXPECT_THROW(build_search_tree(solution, output), std::invalid_argument);
 }
 
-TEST(PointLocation, FollowsTheSidesOfAHandMadeTree) {
+TEST(BinaryTree, FollowsTheSidesOfAHandMadeTree) {
   // u = 2 p0 + 1 where p0 + p1 ≤ 1, else −3 p1 where p1 ≤ 0.5, else 7.
-  const std::array<control::SplitNode, 2> nodes = {
-      {{{1.0, 1.0}, 1.0, ~0, 1}, {{0.0, 1.0}, 0.5, ~1, ~2}}};
-  const std::array<control::AffinePiece, 3> pieces = {
-      {{{2.0, 0.0}, 1.0}, {{0.0, -3.0}, 0.0}, {{}, 7.0}}};
-  control::SearchTree tree{nodes, pieces, 2, 2, 0};
+  const std::array<SplitNode, 2> nodes = {{{{1.0, 1.0}, 1.0, ~0, 1}, {{0.0, 1.0}, 0.5, ~1, ~2}}};
+  const std::array<AffinePiece, 3> pieces = {{{{2.0, 0.0}, 1.0}, {{0.0, -3.0}, 0.0}, {{}, 7.0}}};
+  BinaryTree tree{nodes, pieces, 2, 2, 0};
   const auto at = [&](double x, double y) {
     const std::array<double, 2> p = {x, y};
-    return control::evaluate(tree, p.data());
+    return evaluate(tree, p.data());
   };
   EXPECT_EQ(at(0.25, 0.5).u, 1.5);
   EXPECT_EQ(at(0.5, 0.5).piece, 0);  // on the plane: below

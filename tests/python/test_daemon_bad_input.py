@@ -110,9 +110,9 @@ def test_record_file_that_cannot_be_written(law, tmp_path):
     assert "/no/such/folder/r.csv" in sentence
 
 
-def test_law_without_a_piece(tmp_path):
+def test_law_without_a_leaf(tmp_path):
     payload = law_payload()
-    payload["law"]["tree"]["root"] = -2
+    payload["law"]["evaluator"]["root"] = -2
     path = tmp_path / "hole.law"
     path.write_bytes(law_bytes(payload))
     assert "hole.law" in refused("--law", path, "--bus", BUS)

@@ -20,6 +20,7 @@ def test_law_is_small(name: str, variant: str | None) -> None:
     statistics = law.statistics
     assert statistics["depth"] <= 100
     assert statistics["regions"] >= statistics["pieces"] - 2  # two more for the saturated ends
+    assert len(law.active_sets) == statistics["regions"]
 
 
 @pytest.mark.parametrize(("name", "variant"), READY)

@@ -17,14 +17,16 @@ STAGES = (
     "safety",
     "valve_codec",
 )
-# Headers of the standard library that daemon/control may use: numbers and fixed-size data.
+# Headers that daemon/control may use: numbers, fixed-size data, vector instructions.
 PURE_STANDARD_HEADERS = {
     "algorithm",
+    "arm_neon.h",
     "array",
     "bit",
     "cmath",
     "cstddef",
     "cstdint",
+    "immintrin.h",
     "limits",
     "numbers",
     "span",

@@ -47,6 +47,12 @@ def array(rows: list) -> dict:
     return {"shape": shape, "f64": struct.pack(f"<{len(flat)}d", *flat)}
 
 
+def integers(values: list[int], columns: int | None = None) -> dict:
+    """The law file's form of int32, in rows of `columns` if that is given."""
+    shape = [len(values)] if columns is None else [len(values) // columns, columns]
+    return {"shape": shape, "i32": struct.pack(f"<{len(values)}i", *values)}
+
+
 def signal_layout(message: str, name: str) -> dict:
     found = cantools.database.load_file(DBC).get_message_by_name(message).get_signal_by_name(name)
     return {
@@ -113,15 +119,24 @@ def law_payload(**telemetry) -> dict:
             "parameter_units": ["rad", "rad/s", "1", "rad", "rad/s"],
             "lower": array([-3.0, -20.0, -11.0, -1.0, -6.0]),
             "upper": array([3.0, 20.0, 11.0, 1.0, 6.0]),
-            "tree": {
+            "piece_gain": array([[-8.0, -1.0, 1.0, 0.0, 0.0]]),
+            "piece_offset": array([0.0]),
+            "evaluator": {
+                "kind": "tree",
+                "worst_operations": 88,  # eight lanes of one piece: 8·(2·5 + 1)
                 "root": -1,
                 "depth": 0,
                 "hyperplanes": {"shape": [0, 6], "f64": b""},
-                "split": {"shape": [0], "i32": b""},
-                "children": {"shape": [0, 2], "i32": b""},
-                "piece_gain": array([[-8.0, -1.0, 1.0, 0.0, 0.0]]),
-                "piece_offset": array([0.0]),
+                "node_planes": integers([], 7),
+                "node_children": integers([], 8),
+                "leaf_care": integers([], 2),
+                "leaf_bits": integers([], 2),
+                "leaf_first": integers([0, 1]),
+                "term_first": integers([0, 1]),
+                "term_pieces": integers([0]),
+                "fold": array([0.0] * 5),
             },
+            "active_sets": integers([0], 1),
             "statistics": {"regions": 1, "pieces": 1, "depth": 0, "nodes": 0},
         },
         "problem": {},
@@ -187,7 +202,7 @@ def law_payload(**telemetry) -> dict:
 def law_bytes(payload: dict | None = None) -> bytes:
     body = msgpack.packb(payload or law_payload())
     return msgpack.packb(
-        {"format": "eampc-law", "version": 1, "crc32": zlib.crc32(body), "payload": body}
+        {"format": "eampc-law", "version": 2, "crc32": zlib.crc32(body), "payload": body}
     )
 
 

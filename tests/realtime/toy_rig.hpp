@@ -6,6 +6,8 @@
 
 #include "control/controller_config.hpp"
 #include "control/encoder_codec.hpp"
+#include "one_piece_law.hpp"
+#include "service/law_packing.hpp"
 
 namespace eampc::testing {
 
@@ -33,11 +35,9 @@ inline control::ControllerConfig toy_config(double period_s) {
   config.estimator.D_inverse = control::MeasuredMatrix::Identity() / period_s;
   config.estimator.decay = 0.975;
 
-  static constexpr control::AffinePiece kPiece{{-1.0}, 0.0};
-  config.law.tree.pieces = {&kPiece, 1};
-  config.law.tree.n_parameters = 5;
-  config.law.tree.depth = 0;
-  config.law.tree.root = ~0;
+  static const service::LawPacking kPacking(
+      service::one_piece_law({-1.0, 0.0, 0.0, 0.0, 0.0}, 0.0));
+  config.law.packed = kPacking.law();
   config.law.lower.fill(-10.0);
   config.law.upper.fill(10.0);
   config.law.u_min = -5.0;

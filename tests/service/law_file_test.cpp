@@ -58,14 +58,14 @@ TEST(LawFile, LoadsWhatWasWritten) {
   EXPECT_TRUE(c.sync.counter.present);
   EXPECT_FALSE(c.trigger_on_sync);
   const double p[8] = {0.1, 0.5, 3.0, 0.0, 0.0};
-  EXPECT_NEAR(control::evaluate(c.law.tree, p).u, -2.0, 1e-12);
+  EXPECT_NEAR(control::evaluate(c.law.packed, p).u, -2.0, 1e-12);
 }
 
-TEST(LawFile, MovingKeepsTheTree) {
+TEST(LawFile, MovingKeepsTheLaw) {
   LawFile first = LawFile::from_bytes(law_bytes(synthetic_payload()), "rig.law");
   const LawFile second = std::move(first);
   const double p[8] = {0.1, 0.5, 3.0, 0.0, 0.0};
-  EXPECT_NEAR(control::evaluate(second.config().law.tree, p).u, -2.0, 1e-12);
+  EXPECT_NEAR(control::evaluate(second.config().law.packed, p).u, -2.0, 1e-12);
 }
 
 TEST(LawFile, AFileOnDisk) {
@@ -133,9 +133,11 @@ TEST(LawFile, RandomBytesAreRefused) {
 }
 
 TEST(LawFile, FormatAndVersion) {
-  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 1, "other")).find("not a law file"),
+  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 2, "other")).find("not a law file"),
             std::string::npos);
-  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 2)).find("version 2"), std::string::npos);
+  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 1)).find("has version 1, this eampcd reads"),
+            std::string::npos);
+  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 3)).find("version 3"), std::string::npos);
 }
 
 // One defect per row and what its sentence must name.
@@ -180,43 +182,6 @@ TEST(LawFile, TableOfDefects) {
          t["law"]["lower"] = vector({0, 0, 0, 0});
        }},
       {"law.parameter_names", [](Tree& t) { t["law"]["parameter_names"] = Tree::List{"e1"}; }},
-      {"law.tree.children",
-       [](Tree& t) {
-         t["law"]["tree"]["children"] = array<std::int32_t>({1, 2}, {-1, -2});
-       }},
-      {"law.tree.children",
-       [](Tree& t) {
-         t["law"]["tree"]["children"] = array<std::int32_t>({1, 2}, {1, -1});
-       }},
-      {"law.tree runs in a circle",
-       [](Tree& t) {
-         t["law"]["tree"]["children"] = array<std::int32_t>({1, 2}, {0, -1});
-       }},
-      {"law.tree.split",
-       [](Tree& t) { t["law"]["tree"]["split"] = array<std::int32_t>({1}, {1}); }},
-      {"law.tree.depth is 0", [](Tree& t) { t["law"]["tree"]["depth"] = 0; }},
-      {"law.tree.root", [](Tree& t) { t["law"]["tree"]["root"] = 1; }},
-      {"law.tree.piece_offset",
-       [](Tree& t) {
-         t["law"]["tree"]["piece_offset"] = vector({0, 0});
-       }},
-      {"law.tree.hyperplanes",
-       [nan](Tree& t) {
-         t["law"]["tree"]["hyperplanes"] = matrix(1, 6, {1, 0, 0, 0, 0, nan});
-       }},
-      {"law.tree.piece_gain holds no piece",
-       [](Tree& t) {
-         t["law"]["tree"]["piece_gain"] = matrix(0, 5, {});
-         t["law"]["tree"]["piece_offset"] = vector({});
-       }},
-      {"law.tree.piece_gain.shape",
-       [](Tree& t) {
-         t["law"]["tree"]["piece_gain"]["shape"] = Tree::List{-1, 5};
-       }},
-      {"law.tree.piece_gain has the shape",
-       [](Tree& t) {
-         t["law"]["tree"]["piece_gain"]["shape"] = Tree::List{4000000, 5};
-       }},
       {"valve.max_V", [](Tree& t) { t["valve"]["max_V"] = -1; }},
       {"valve.bias_V", [](Tree& t) { t["valve"]["bias_V"] = 12; }},
       {"valve.safe_V", [](Tree& t) { t["valve"]["safe_V"] = -0.5; }},
@@ -273,29 +238,6 @@ TEST(LawFile, TableOfDefects) {
     EXPECT_NE(text.find("design it again"), std::string::npos) << text;
     EXPECT_EQ(text.find('\n'), std::string::npos);
   }
-}
-
-TEST(LawFile, ATreeWithSharedNodesHasItsLongestPathMeasured) {
-  Tree payload = synthetic_payload();
-  Tree& tree = payload["law"]["tree"];
-  tree["hyperplanes"] = matrix(3, 6, std::vector<double>(18));
-  tree["split"] = array<std::int32_t>({3}, {0, 1, 2});
-  tree["children"] = array<std::int32_t>({3, 2}, {1, 2, 2, -1, -1, -1});
-  tree["depth"] = 3;
-  EXPECT_EQ(refusal(law_bytes(payload)), "");
-  tree["depth"] = 2;
-  EXPECT_NE(refusal(law_bytes(payload)), "");
-}
-
-TEST(LawFile, ALawOfOnePieceNeedsNoNode) {
-  Tree payload = synthetic_payload();
-  Tree& tree = payload["law"]["tree"];
-  tree["hyperplanes"] = matrix(0, 6, {});
-  tree["split"] = array<std::int32_t>({0}, {});
-  tree["children"] = array<std::int32_t>({0, 2}, {});
-  tree["root"] = -1;
-  tree["depth"] = 0;
-  EXPECT_EQ(refusal(law_bytes(payload)), "");
 }
 
 TEST(LawFile, KalmanNeedsNoVelocity) {

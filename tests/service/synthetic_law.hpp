@@ -1,6 +1,6 @@
 // A small valid law file, built key by key with msgpack, and ways to damage it: u = −40 e1 − 2 e2 +
-// u_ss on the ideal-valve reference joint, its only split at e1 = 0 with the same piece on both
-// sides.
+// u_ss on the ideal-valve reference joint, its only hyperplane at e1 = 0 with the same piece on
+// both sides.
 #pragma once
 
 #include <zlib.h>
@@ -85,6 +85,28 @@ inline Tree signal(int start, int length, bool is_signed, double factor) {
                    {"is_signed", is_signed}, {"factor", factor}, {"offset", 0}};
 }
 
+inline Tree integers(const std::vector<std::int32_t>& values) {
+  return array({static_cast<int>(values.size())}, values);
+}
+
+// One node that compares e1 with 0 and ends in the same leaf everywhere. By hand: 8·2·5 + 1 for the
+// node, 8·(2·5 + 1) for the leaf.
+inline Tree synthetic_evaluator() {
+  return Tree::Map{{"kind", "tree"},
+                   {"worst_operations", 81 + 88},
+                   {"hyperplanes", matrix(1, 6, {1, 0, 0, 0, 0, 0})},
+                   {"root", 0},
+                   {"depth", 1},
+                   {"node_planes", array<std::int32_t>({1, 7}, {0, -1, -1, -1, -1, -1, -1})},
+                   {"node_children", array<std::int32_t>({1, 8}, {-1, -1, -1, -1, -1, -1, -1, -1})},
+                   {"leaf_care", array<std::int32_t>({0, 2}, {})},
+                   {"leaf_bits", array<std::int32_t>({0, 2}, {})},
+                   {"leaf_first", integers({0, 1})},
+                   {"term_first", integers({0, 1})},
+                   {"term_pieces", integers({0})},
+                   {"fold", vector({0, 0, 0, 0, 0})}};
+}
+
 inline Tree synthetic_payload() {
   const Tree crc181 = Tree::Map{{"byte", 7}, {"data_id", 0x181}};
   const Tree crc201 = Tree::Map{{"byte", 7}, {"data_id", 0x201}};
@@ -123,13 +145,10 @@ inline Tree synthetic_payload() {
                         {"parameter_units", Tree::List{"rad", "rad/s", "", "rad", "rad/s"}},
                         {"lower", vector({-1.5, -10, -22, -1, -6})},
                         {"upper", vector({1.5, 10, 22, 1, 6})},
-                        {"tree", Tree::Map{{"root", 0},
-                                           {"depth", 1},
-                                           {"hyperplanes", matrix(1, 6, {1, 0, 0, 0, 0, 0})},
-                                           {"split", array<std::int32_t>({1}, {0})},
-                                           {"children", array<std::int32_t>({1, 2}, {-1, -1})},
-                                           {"piece_gain", matrix(1, 5, {-40, -2, 1, 0, 0})},
-                                           {"piece_offset", vector({0})}}},
+                        {"piece_gain", matrix(1, 5, {-40, -2, 1, 0, 0})},
+                        {"piece_offset", vector({0})},
+                        {"evaluator", synthetic_evaluator()},
+                        {"active_sets", array<std::int32_t>({1, 1}, {0})},
                         {"statistics", Tree::Map{{"regions", 1},
                                                  {"pieces", 1},
                                                  {"depth", 1},
@@ -182,7 +201,7 @@ inline std::vector<std::uint8_t> bytes_of(const msgpack::sbuffer& buffer) {
           reinterpret_cast<const std::uint8_t*>(buffer.data()) + buffer.size()};
 }
 
-inline std::vector<std::uint8_t> law_bytes(const Tree& payload, std::int64_t version = 1,
+inline std::vector<std::uint8_t> law_bytes(const Tree& payload, std::int64_t version = 2,
                                            const std::string& format = "eampc-law") {
   msgpack::sbuffer inner;
   msgpack::packer<msgpack::sbuffer> inner_packer(inner);

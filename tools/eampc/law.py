@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eampc.law_file import encode_law, read_law, write_law
+from eampc.law_file import encode_law, law_tables, read_law, write_law
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class Law:
 
     @property
     def statistics(self) -> dict[str, Any]:
-        """Counts of the design: regions, pieces, depth, nodes, rows_before, rows_kept."""
+        """Counts: regions; pieces, hyperplanes, nodes, depth, leaves, terms; problem rows."""
         return dict(self.payload["law"]["statistics"])
 
     @property
@@ -93,8 +93,20 @@ class Law:
     @property
     def pieces(self) -> tuple[Array, Array]:
         """(gain, offset) of the k affine pieces, (k, n_p) and (k,): u = gain·p + offset."""
-        tree = self.payload["law"]["tree"]
-        return tree["piece_gain"], tree["piece_offset"]
+        law = self.payload["law"]
+        return law["piece_gain"], law["piece_offset"]
+
+    @cached_property
+    def tables(self) -> Any:
+        """Pieces and evaluator as `_core.LawTables`."""
+        return law_tables(self.payload["law"])
+
+    @property
+    def active_sets(self) -> list[list[int]]:
+        """Active rows of the problem in each critical region of the box."""
+        words = np.ascontiguousarray(self.payload["law"]["active_sets"], dtype="<i4")
+        bits = np.unpackbits(words.view(np.uint8), axis=1, bitorder="little")
+        return [np.flatnonzero(row).tolist() for row in bits]
 
     @overload
     def evaluate(self, p: ArrayLike, *, regions: Literal[False] = False) -> Array: ...

@@ -17,8 +17,7 @@ from eampc.law import Law
 if TYPE_CHECKING:
     from eampc_rig import Rig
 
-# Random parameters that must lie in a known region. Facets lead to all but regions that saturated
-# ones surround, and those only a hit finds: as many as half a second allows.
+# Random parameters that must lie in a known region: as many as half a second allows.
 _COVERAGE_POINTS = 50_000
 
 # Called now and then with the name of the step, what is done and what is known of the whole
@@ -93,8 +92,13 @@ def _design(rig: Rig, progress: Progress, started: float) -> Law:
     parameters = parameter_box(rig)
     condensed = _condensed(rig, sampled, tightening, parameters)
     solution = _regions(rig, condensed, progress)
-    tree, statistics = _search_tree(solution, condensed, rig.control_max, progress)
-    payload = _payload(rig, model, sampled, tightening, parameters, condensed, tree, statistics)
+    tables = _law_tables(solution, condensed, rig.control_max, progress)
+    law = {
+        **tables_payload(tables),
+        "active_sets": active_set_words(solution.regions, len(condensed.w)),
+        "statistics": _statistics(solution, tables),
+    }
+    payload = _payload(rig, model, sampled, tightening, parameters, condensed, law)
     return Law(payload, design_seconds=time.perf_counter() - started)
 
 
@@ -201,6 +205,8 @@ def _output(condensed: Any, control_max: float) -> Any:
 
 
 def _regions(rig: Rig, condensed: Any, progress: Progress) -> Any:
+    """All critical regions of the box, those with a saturated control too."""
+
     def report(explored: int, found: int) -> None:
         progress("critical regions", explored, found)
 
@@ -211,7 +217,6 @@ def _regions(rig: Rig, condensed: Any, progress: Progress) -> Any:
     try:
         solution = _core.solve_mpqp(
             **problem,
-            output=_output(condensed, rig.control_max),
             random_points=_COVERAGE_POINTS,
             progress=report,
         )
@@ -228,38 +233,71 @@ def _regions(rig: Rig, condensed: Any, progress: Progress) -> Any:
     return solution
 
 
-def _search_tree(
+def _law_tables(
     solution: Any, condensed: Any, control_max: float, progress: Progress
-) -> tuple[dict[str, Any], dict[str, int]]:
+) -> _core.LawTables:
     def report(nodes: int, _regions_in_cell: int) -> None:
         progress("search tree", nodes, 0)
 
     try:
-        built = _core.build_search_tree(solution, _output(condensed, control_max), progress=report)
+        tables, _ = _core.build_search_tree(
+            solution, _output(condensed, control_max), progress=report
+        )
     except RuntimeError as error:
         raise _NoLawError(
             f"the regions could not be sorted into a search tree ({error}); lower "
             "control.control_horizon or raise constraints.stage_step"
         ) from None
-    # A hyperplane divides many cells: the file holds it once.
-    hyperplanes, split = np.unique(built["hyperplanes"], axis=0, return_inverse=True)
-    tree = {
-        "root": int(built["root"]),
-        "depth": int(built["depth"]),
-        "hyperplanes": hyperplanes,
-        "split": split.astype(np.int32),
-        **{key: built[key] for key in ("children", "piece_gain", "piece_offset")},
+    return tables
+
+
+def tables_payload(tables: _core.LawTables) -> dict[str, Any]:
+    """The entries piece_gain, piece_offset and evaluator of the section law."""
+    arrays = (
+        "hyperplanes",
+        "node_planes",
+        "node_children",
+        "leaf_care",
+        "leaf_bits",
+        "leaf_first",
+        "term_first",
+        "term_pieces",
+        "fold",
+    )
+    return {
+        "piece_gain": tables.piece_gain,
+        "piece_offset": tables.piece_offset,
+        "evaluator": {
+            "kind": tables.kind,
+            "worst_operations": tables.worst_operations,
+            "root": tables.root,
+            "depth": tables.depth,
+            **{name: getattr(tables, name) for name in arrays},
+        },
     }
+
+
+def active_set_words(regions: Any, rows: int) -> np.ndarray:
+    """(n_regions, ceil(rows/32)) int32: bit j % 32 of word j // 32 is set if row j is active."""
+    active = np.zeros((len(regions), -(-rows // 32) * 32), dtype=np.uint8)
+    for bits, region in zip(active, regions, strict=True):
+        bits[region.active_set] = 1
+    return np.packbits(active, axis=1, bitorder="little").view("<i4")
+
+
+def _statistics(solution: Any, tables: _core.LawTables) -> dict[str, int]:
     found = solution.statistics
-    statistics = {
+    return {
         "regions": int(found["regions"]),
-        "pieces": len(built["piece_offset"]),
-        "depth": int(built["depth"]),
-        "nodes": len(built["children"]),
+        "pieces": len(tables.piece_offset),
+        "hyperplanes": len(tables.hyperplanes),
+        "nodes": len(tables.node_planes),
+        "depth": tables.depth,
+        "leaves": len(tables.leaf_first) - 1,
+        "terms": len(tables.term_first) - 1,
         "rows_before": int(found["rows_given"]),
         "rows_kept": int(found["rows_kept"]),
     }
-    return tree, statistics
 
 
 def _estimator(rig: Rig, model: Any, sampled: Any) -> dict[str, Any]:
@@ -300,8 +338,7 @@ def _payload(
     tightening: np.ndarray,
     parameters: list[Parameter],
     condensed: Any,
-    tree: dict[str, Any],
-    statistics: dict[str, int],
+    law: dict[str, Any],
 ) -> dict[str, Any]:
     """The content of the law file. No times, no paths: the same inputs give the same bytes."""
     from eampc_rig import resolve_frames
@@ -341,8 +378,7 @@ def _payload(
             "parameter_units": [parameter.unit for parameter in parameters],
             "lower": condensed.lower,
             "upper": condensed.upper,
-            "tree": tree,
-            "statistics": statistics,
+            **law,
         },
         "problem": {
             "H": condensed.H,

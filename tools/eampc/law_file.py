@@ -1,9 +1,32 @@
 """The law file: one MessagePack map with version and checksum around all that the daemon needs.
 
-    {"format": "eampc-law", "version": 1, "crc32": zlib.crc32(payload), "payload": bytes}
+    {"format": "eampc-law", "version": 2, "crc32": zlib.crc32(payload), "payload": bytes}
 
 The payload is a MessagePack map in which an array is {"shape": [...], "f64": bytes} (or "i32"),
 little-endian, row-major. The same payload always gives the same bytes.
+
+The law itself, `law` in the payload:
+
+    piece_gain (n_pieces, np), piece_offset (n_pieces,)   u = gain·p + offset, units of the rig
+    active_sets (n_regions, ceil(m/32)) int32             bit j % 32 of word j // 32: row j of the
+                                                          problem is active; all critical regions
+    evaluator                                             which pieces apply, and how combined:
+      kind              "tree" or "flat"
+      worst_operations  bound on the operations of an evaluation (daemon/service/law_cost.hpp)
+      hyperplanes       (n_planes, np+1): normal, offset; normal·p <= offset is "below"
+      root, depth       tree: a code as in node_children; most nodes on a path
+      node_planes       (n_nodes, 7) int32, heap order: below plane k follows plane 2k+1, above it
+                        2k+2; -1: always below
+      node_children     (n_nodes, 8) int32 by the bits of the path (above = 1, first plane most
+                        significant): code >= 0 is a node, < 0 the leaf ~code
+      leaf_care, leaf_bits  flat: (n_leaves, 2) int32, low and high half of a mask: the first leaf
+                        with (above & care) == bits, bit i of above: p is above hyperplane i
+      leaf_first        (n_leaves+1,) int32: terms of leaf k are leaf_first[k] .. leaf_first[k+1]-1
+      term_first        (n_terms+1,) int32, likewise into term_pieces
+      term_pieces       int32. u = max over the leaf's terms of (min over the term's pieces)
+      fold              (np,), zeros: none; else where fold·p < 0 the law is -law(-p)
+
+The value is clipped to u_min .. u_max.
 """
 
 from __future__ import annotations
@@ -21,7 +44,7 @@ import numpy as np
 from eampc.errors import LawFileError
 
 FORMAT = "eampc-law"
-VERSION = 1
+VERSION = 2
 REDESIGN = "design it again with: eampc design RIG -o FILE"
 
 # Section → keys that must be there. Sizes and numbers are checked below.
@@ -67,7 +90,10 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
         "parameter_units",
         "lower",
         "upper",
-        "tree",
+        "piece_gain",
+        "piece_offset",
+        "evaluator",
+        "active_sets",
         "statistics",
     ),
     "problem": (
@@ -98,7 +124,6 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
 }
 # kMaxParameters of the daemon: its nodes and pieces have this many coefficients.
 MOST_PARAMETERS = 8
-_TREE = ("root", "depth", "hyperplanes", "split", "children", "piece_gain", "piece_offset")
 
 
 def encode_law(payload: Mapping[str, Any]) -> bytes:
@@ -243,7 +268,10 @@ def _check(payload: Any) -> None:
         raise _DefectError("law.u_min must be below law.u_max")
     _check_model(payload)
     _check_problem(payload["problem"], parameters)
-    _check_tree(law["tree"], parameters)
+    _check_tables(law)
+    words = -(-len(payload["problem"]["w"]) // 32)
+    regions = law["active_sets"].shape[0] if isinstance(law["active_sets"], np.ndarray) else 0
+    _require_integers(law["active_sets"], (regions, words), "law.active_sets")
 
 
 def _require_shape(array: Any, shape: tuple[int, ...], where: str) -> None:
@@ -290,37 +318,67 @@ def _check_problem(problem: dict[str, Any], parameters: int) -> None:
         _require_shape(problem[key], shape, f"problem.{key}")
 
 
-def _check_tree(tree: Any, parameters: int) -> None:
-    if not isinstance(tree, dict) or any(key not in tree for key in _TREE):
-        raise _DefectError("law.tree is missing or incomplete")
-    children = tree["children"]
-    nodes = children.shape[0] if isinstance(children, np.ndarray) else 0
-    gain = tree["piece_gain"]
-    pieces = gain.shape[0] if isinstance(gain, np.ndarray) else 0
-    if pieces < 1:
-        raise _DefectError("law.tree has no pieces")
-    hyperplanes, split = tree["hyperplanes"], tree["split"]
-    planes = hyperplanes.shape[0] if isinstance(hyperplanes, np.ndarray) else 0
-    _require_shape(hyperplanes, (planes, parameters + 1), "law.tree.hyperplanes")
-    _require_shape(split, (nodes,), "law.tree.split")
-    _require_shape(children, (nodes, 2), "law.tree.children")
-    _require_shape(gain, (pieces, parameters), "law.tree.piece_gain")
-    _require_shape(tree["piece_offset"], (pieces,), "law.tree.piece_offset")
-    for name, array in (("children", children), ("split", split)):
-        if array.dtype != np.dtype("i4"):
-            raise _DefectError(f"law.tree.{name} must hold whole numbers")
-    if ((split < 0) | (split >= planes)).any():
-        raise _DefectError("law.tree.split names a hyperplane that is not there")
-    root, depth = tree["root"], tree["depth"]
-    if type(root) is not int or type(depth) is not int:
-        raise _DefectError("law.tree.root and law.tree.depth must be whole numbers")
-    level = np.array([root])
-    # Shared nodes are walked once per level: at most `depth` passes over `nodes` entries.
-    for _ in range(depth + 1):
-        if ((level >= nodes) | (level < -pieces)).any():
-            raise _DefectError("law.tree points to a node or piece that is not there")
-        inner = level[level >= 0]
-        if inner.size == 0:
-            return
-        level = np.unique(children[inner])
-    raise _DefectError(f"law.tree has a path longer than its depth of {depth}")
+_EVALUATOR_SHAPES = {
+    "node_planes": 7,
+    "node_children": 8,
+    "leaf_care": 2,
+    "leaf_bits": 2,
+    "leaf_first": None,
+    "term_first": None,
+    "term_pieces": None,
+}
+
+
+def law_tables(law: Mapping[str, Any]) -> Any:
+    """`_core.LawTables` of the section law; ValueError names the key that is wrong."""
+    from eampc import _core
+
+    evaluator = {key: value for key, value in law["evaluator"].items() if key != "worst_operations"}
+    return _core.LawTables(
+        piece_gain=law["piece_gain"], piece_offset=law["piece_offset"], **evaluator
+    )
+
+
+def _check_tables(law: dict[str, Any]) -> None:
+    evaluator = law["evaluator"]
+    if not isinstance(evaluator, dict):
+        raise _DefectError("law.evaluator is missing")
+    keys = {"kind", "worst_operations", "hyperplanes", "root", "depth", "fold", *_EVALUATOR_SHAPES}
+    if missing := keys - set(evaluator):
+        raise _DefectError(f"law.evaluator.{min(missing)} is missing")
+    if unknown := set(evaluator) - keys:
+        raise _DefectError(f"law.evaluator.{min(unknown)} is not a known key")
+    parameters = len(law["parameter_names"])
+    pieces = _rows(law["piece_gain"])
+    _require_shape(law["piece_gain"], (pieces, parameters), "law.piece_gain")
+    _require_shape(law["piece_offset"], (pieces,), "law.piece_offset")
+    planes = evaluator["hyperplanes"]
+    _require_shape(planes, (_rows(planes), parameters + 1), "law.evaluator.hyperplanes")
+    _require_shape(evaluator["fold"], (parameters,), "law.evaluator.fold")
+    for key, columns in _EVALUATOR_SHAPES.items():
+        rows = _rows(evaluator[key])
+        shape = (rows,) if columns is None else (rows, columns)
+        _require_integers(evaluator[key], shape, f"law.evaluator.{key}")
+    for key in ("root", "depth", "worst_operations"):
+        largest = 2**63 if key == "worst_operations" else 2**31
+        if type(evaluator[key]) is not int or not -(2**31) <= evaluator[key] < largest:
+            raise _DefectError(f"law.evaluator.{key} must be a whole number")
+    try:
+        counted = law_tables(law).worst_operations
+    except (ValueError, TypeError) as error:
+        raise _DefectError(f"law.{str(error).splitlines()[0]}") from None
+    if counted != evaluator["worst_operations"]:
+        raise _DefectError(
+            f"law.evaluator.worst_operations is {evaluator['worst_operations']}, but an evaluation "
+            f"takes up to {counted}"
+        )
+
+
+def _rows(array: Any) -> int:
+    return array.shape[0] if isinstance(array, np.ndarray) and array.ndim else 0
+
+
+def _require_integers(array: Any, shape: tuple[int, ...], where: str) -> None:
+    _require_shape(array, shape, where)
+    if array.dtype != np.dtype("i4"):
+        raise _DefectError(f"{where} must hold whole numbers")

@@ -20,6 +20,7 @@ def law_summary(law: Law) -> dict[str, Any]:
         "timing": dict(p["timing"]),
         "formulation": p["law"]["formulation"],
         "statistics": law.statistics,
+        "worst_operations": p["law"]["evaluator"]["worst_operations"],
         "bytes": len(law.to_bytes()),
         "control_min": p["law"]["u_min"],
         "control_max": p["law"]["u_max"],
@@ -65,7 +66,7 @@ def summary_table(law: Law, path: str, size_bytes: int) -> Table:
         ("law", path),
         ("critical regions", f"{s['regions']} (rows {s['rows_kept']} of {s['rows_before']})"),
         ("distinct pieces", str(s["pieces"])),
-        ("search tree", f"{s['nodes']} nodes, depth {s['depth']}"),
+        ("evaluator", _evaluator(law)),
         ("size", f"{size_bytes / 1000:.1f} kB"),
     ]
     if law.design_seconds is not None:
@@ -115,8 +116,8 @@ def _facts(law: Law, model: Any, estimator: Any, valve: Any) -> Table:
         ),
         (
             "search",
-            f"{s['regions']} critical regions, {s['pieces']} pieces, {s['nodes']} nodes, depth "
-            f"{s['depth']}, {len(law.to_bytes()) / 1000:.1f} kB",
+            f"{s['regions']} critical regions, {s['pieces']} pieces; {_evaluator(law)}; "
+            f"{len(law.to_bytes()) / 1000:.1f} kB",
         ),
         ("inputs", f"sha256 {p['rig']['inputs_sha256']}"),
         ("made by", f"eampc {p['rig']['eampc_version']}"),
@@ -124,6 +125,17 @@ def _facts(law: Law, model: Any, estimator: Any, valve: Any) -> Table:
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def _evaluator(law: Law) -> str:
+    s, evaluator = law.statistics, law.payload["law"]["evaluator"]
+    if evaluator["kind"] == "flat":
+        form = f"{s['hyperplanes']} hyperplanes at once, {s['leaves']} leaves"
+    elif s["nodes"]:
+        form = f"{s['nodes']} nodes of 7 hyperplanes, depth {s['depth']}, {s['leaves']} leaves"
+    else:
+        form = f"one lattice of {s['terms']} terms"
+    return f"{form}, at most {evaluator['worst_operations']} operations"
 
 
 def _parameters(law: Law) -> Table:

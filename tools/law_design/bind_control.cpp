@@ -31,7 +31,7 @@ LawFile law_from_bytes(const nb::bytes& data, const std::string& name) {
 }
 
 nb::tuple evaluate_law(const LawFile& law, const RowArray& P) {
-  const auto np = static_cast<std::size_t>(law.config().law.tree.n_parameters);
+  const auto np = static_cast<std::size_t>(law.config().law.packed.n_parameters);
   if (P.shape(1) != np) {
     throw nb::value_error(("P has " + std::to_string(P.shape(1)) + " columns, the law has " +
                            std::to_string(np) + " parameters")
@@ -237,13 +237,13 @@ void bind_control(nb::module_& m) {
                    [](const LawFile& law) {
                      const auto& c = law.config().law;
                      return numpy_column(std::vector<double>(
-                         c.lower.begin(), c.lower.begin() + c.tree.n_parameters));
+                         c.lower.begin(), c.lower.begin() + c.packed.n_parameters));
                    })
       .def_prop_ro("upper",
                    [](const LawFile& law) {
                      const auto& c = law.config().law;
                      return numpy_column(std::vector<double>(
-                         c.upper.begin(), c.upper.begin() + c.tree.n_parameters));
+                         c.upper.begin(), c.upper.begin() + c.packed.n_parameters));
                    })
       .def("evaluate", &evaluate_law, "P"_a,
            "The law at many parameters: P (n, np) float64 → (u (n,), region (n,) int32, clamped "

@@ -55,8 +55,8 @@ LawPlanes collect_law_planes(const OutputLaws& laws) {
   return result;
 }
 
-control::SplitNode in_problem_units(const Hyperplane& plane, const OutputLaws& laws) {
-  control::SplitNode node{};
+SplitNode in_problem_units(const Hyperplane& plane, const OutputLaws& laws) {
+  SplitNode node{};
   double norm = 0.0;
   for (int j = 0; j < laws.parameters; ++j) {
     node.normal[j] = plane.normal[index(j)] / laws.half_width(j);

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "control/point_location.hpp"
+#include "law_design/binary_tree.hpp"
 #include "law_design/cell_contents.hpp"
 #include "law_design/output_laws.hpp"
 
@@ -19,6 +19,6 @@ struct LawPlanes {
 LawPlanes collect_law_planes(const OutputLaws& laws);
 
 /// The plane over p, unit normal; the children are left 0.
-control::SplitNode in_problem_units(const Hyperplane& plane, const OutputLaws& laws);
+SplitNode in_problem_units(const Hyperplane& plane, const OutputLaws& laws);
 
 }  // namespace eampc::law_design

@@ -272,7 +272,7 @@ TreeBuilder::Child TreeBuilder::leaf(int law) {
     piece = static_cast<std::int32_t>(tree_.pieces.size());
     const ScaledLaw& scaled = laws_.laws[index(law)];
     const double range = output_.y_max - output_.y_min;
-    control::AffinePiece affine{};
+    AffinePiece affine{};
     affine.offset = output_.y_min + range * scaled[kMaxDimension];
     for (int j = 0; j < laws_.parameters; ++j) {
       affine.gain[j] = range * scaled[index(j)] / laws_.half_width(j);
@@ -398,7 +398,7 @@ std::int32_t TreeBuilder::node_of(int plane, std::int32_t below, std::int32_t ab
   const auto next = static_cast<std::int32_t>(tree_.nodes.size());
   const auto [entry, is_new] = node_codes_.try_emplace({plane, below, above}, next);
   if (is_new) {
-    control::SplitNode node = in_problem_units(planes_[index(plane)], laws_);
+    SplitNode node = in_problem_units(planes_[index(plane)], laws_);
     node.below = below;
     node.above = above;
     tree_.nodes.push_back(node);
@@ -407,14 +407,14 @@ std::int32_t TreeBuilder::node_of(int plane, std::int32_t below, std::int32_t ab
 }
 
 void TreeBuilder::check_insides(const BuiltSearchTree& tree) const {
-  const control::SearchTree view = tree.view();
+  const BinaryTree view = tree.view();
   const double range = output_.y_max - output_.y_min;
   for (const LawRegion& region : laws_.regions) {
     double p[control::kMaxParameters] = {};
     for (int j = 0; j < laws_.parameters; ++j) {
       p[j] = laws_.centre(j) + laws_.half_width(j) * region.inside[index(j)];
     }
-    const double found = (control::evaluate(view, p).u - output_.y_min) / range;
+    const double found = (evaluate(view, p).u - output_.y_min) / range;
     const double right = laws_.value(region.law, region.inside.data());
     if (!(std::abs(std::clamp(found, 0.0, 1.0) - std::clamp(right, 0.0, 1.0)) < 1e-7)) {
       throw std::runtime_error("search tree: the finished tree disagrees with the regions");

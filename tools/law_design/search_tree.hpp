@@ -14,7 +14,7 @@
 #include <functional>
 #include <vector>
 
-#include "control/point_location.hpp"
+#include "law_design/binary_tree.hpp"
 #include "law_design/mpqp.hpp"
 
 namespace eampc::law_design {
@@ -35,15 +35,15 @@ struct SearchTreeStatistics {
 };
 
 struct BuiltSearchTree {
-  std::vector<control::SplitNode> nodes;
-  std::vector<control::AffinePiece> pieces;
+  std::vector<SplitNode> nodes;
+  std::vector<AffinePiece> pieces;
   int n_parameters = 0;
   int depth = 0;
   std::int32_t root = 0;
   SearchTreeStatistics statistics;
 
-  /// The form the daemon evaluates; valid as long as this object.
-  control::SearchTree view() const { return {nodes, pieces, n_parameters, depth, root}; }
+  /// For evaluate(); valid as long as this object.
+  BinaryTree view() const { return {nodes, pieces, n_parameters, depth, root}; }
 };
 
 struct SearchTreeOptions {

@@ -1,0 +1,23 @@
+// The most operations that one evaluation of a law can take, stated in the law file.
+// An operation is one multiplication, addition or comparison of numbers; a logical operation on a
+// mask of hyperplanes counts as one. Counted as executed, eight lanes at a time, unused lanes
+// included, so that no path (scalar, SIMD, generated C) does more:
+//   hyperplane  2 np        np products, np − 1 sums, one comparison
+//   piece       2 np + 1    np products, np sums, one comparison within its leaf
+//   node        8 hyperplanes + 1 for the way out; flat: all hyperplanes + 2 per leaf tried
+//   fold        3 np + 1    np products, np − 1 sums, one comparison, np signs, one sign of u
+#pragma once
+
+#include <cstdint>
+
+#include "service/law_tables.hpp"
+
+namespace eampc::service {
+
+/// Of tables without defect.
+std::int64_t evaluation_cost(const LawTables& tables);
+
+/// Of leaf k alone.
+std::int64_t leaf_cost(const LawTables& tables, std::size_t leaf);
+
+}  // namespace eampc::service
