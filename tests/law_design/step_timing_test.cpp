@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-
 #include "control/reference_joint.hpp"
 
 namespace eampc::law_design {
@@ -11,7 +9,7 @@ namespace {
 
 // Both replays throw unless they decide what the run decided, in every cycle and to the last bit:
 // through the arming ramp, under a load step and a moving reference.
-TEST(StepTiming, MeasuresEveryScenarioCycleOfTheSameController) {
+TEST(StepTiming, MeasuresTheSameControllerAsTheRun) {
   control::ReferenceJoint joint = control::reference_joint();
   control::connect(joint);
   PlantParameters plant;
@@ -35,11 +33,8 @@ TEST(StepTiming, MeasuresEveryScenarioCycleOfTheSameController) {
   plan.reference.frequency_hz = 1.0;
 
   const ControllerTiming timing = time_steps(joint.config, plant, plan);
-  for (const StepTiming& part : {timing.estimators_and_law, timing.control_cycle}) {
-    ASSERT_EQ(part.steps_s.size(), 300u);
-    EXPECT_GE(*std::min_element(part.steps_s.begin(), part.steps_s.end()), 0.0);
-    EXPECT_GT(part.total_s, 0.0);
-  }
+  EXPECT_GT(timing.estimators_and_law_s, 0.0);
+  EXPECT_GT(timing.control_cycle_s, 0.0);
 }
 
 }  // namespace

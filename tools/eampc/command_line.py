@@ -15,6 +15,7 @@ from eampc import (
     commands_hil,
     commands_mpqp,
     commands_operator,
+    commands_reproduce,
     commands_telemetry,
     commands_verify,
 )
@@ -56,6 +57,7 @@ commands_hil.register(app)
 commands_emulate.register(app)
 commands_operator.register(app)
 commands_telemetry.register(app)
+commands_reproduce.register(app)
 commands_verify.register(app)
 commands_mpqp.register(app)
 

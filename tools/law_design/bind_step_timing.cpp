@@ -11,7 +11,6 @@
 #include "control/valve_codec.hpp"
 #include "law_design/bind_plant.hpp"
 #include "law_design/bind_reference.hpp"
-#include "law_design/numpy_column.hpp"
 #include "law_design/step_timing.hpp"
 #include "service/law_file.hpp"
 
@@ -60,13 +59,6 @@ class JointOnBus {
   std::int64_t cycle_ = 0;
 };
 
-nb::dict dict_of(StepTiming timing) {
-  nb::dict out;
-  out["total_s"] = timing.total_s;
-  out["steps_s"] = numpy_column(std::move(timing.steps_s));
-  return out;
-}
-
 nb::dict time_steps_bound(const service::LawFile& law, const nb::dict& plant,
                           const std::vector<nb::dict>& disturbance, double duration_s,
                           double reference_rad, int arm_at_cycle) {
@@ -86,8 +78,8 @@ nb::dict time_steps_bound(const service::LawFile& law, const nb::dict& plant,
     timing = time_steps(law.config(), parameters, plan);
   }
   nb::dict out;
-  out["estimators_and_law"] = dict_of(std::move(timing.estimators_and_law));
-  out["control_cycle"] = dict_of(std::move(timing.control_cycle));
+  out["estimators_and_law_s"] = timing.estimators_and_law_s;
+  out["control_cycle_s"] = timing.control_cycle_s;
   return out;
 }
 
@@ -117,13 +109,10 @@ void bind_step_timing(nb::module_& m) {
       .def_prop_ro("disturbance_rad_s2", &JointOnBus::disturbance_rad_s2);
   m.def("time_steps", &time_steps_bound, "law"_a, "plant"_a, "disturbance"_a, "duration_s"_a,
         "reference_rad"_a, "arm_at_cycle"_a = 20,
-        "Wall-clock time of the daemon's controller over a simulated run under a constant "
-        "reference, two dicts:\n\n"
-        "estimators_and_law (sample to u) and control_cycle (frame decoded, estimators, law, "
-        "safety, frame encoded).\n"
-        "total_s is one measurement over all cycles of the scenario, steps_s has each by itself, "
-        "with one reading\n"
-        "of the clock in it. The GIL is released.");
+        "Processor time of the daemon's controller over the scenario's cycles of a simulated run "
+        "under a constant reference.\n\n"
+        "Returns estimators_and_law_s (sample to u) and control_cycle_s (frame decoded, "
+        "estimators, law, safety, frame encoded). The GIL is released.");
 }
 
 }  // namespace eampc::law_design

@@ -3,22 +3,16 @@
 // clock.
 #pragma once
 
-#include <vector>
-
 #include "control/control_cycle.hpp"
 #include "law_design/closed_loop_simulation.hpp"
 
 namespace eampc::law_design {
 
-/// Over the scenario's cycles; those before ACTIVE are run, not measured.
-struct StepTiming {
-  double total_s = 0.0;         // two readings of the clock around all of them
-  std::vector<double> steps_s;  // one by one, in another pass; each includes one reading
-};
-
+/// Processor time of the calling thread over the scenario's cycles; those before ACTIVE are run,
+/// not measured. The cycles follow one another without the plant between them: caches are warm.
 struct ControllerTiming {
-  StepTiming estimators_and_law;  // sample → x̂, d̂ → u
-  StepTiming control_cycle;       // frame decoded, estimators, law, safety, frame encoded
+  double estimators_and_law_s = 0.0;  // sample → x̂, d̂ → u
+  double control_cycle_s = 0.0;       // frame decoded, estimators, law, safety, frame encoded
 };
 
 /// The controls of each replay must be those of the run; std::runtime_error if they are not.
