@@ -60,6 +60,7 @@ struct PackedLaw {
   int n_parameters = 0;
   int depth = 0;          ///< most nodes on a path
   std::int32_t root = 0;  ///< a child as below
+  int most_groups = 0;    ///< rows of the largest leaf, if every term has one piece
   /// Nodes of (np+2)·64 bytes: np rows of eight normals, eight offsets, eight children (int32). A
   /// child ≥ 0 is the byte at which a node begins, a child < 0 is a leaf: ~child is its LeafCode,
   /// or with `leaves` its number.

@@ -17,6 +17,7 @@ namespace {
 
 constexpr std::size_t kWidth = EAMPC_LANE_WIDTH;
 constexpr std::size_t kParts = kLanes / kWidth;
+constexpr std::size_t kMatchesAtOnce = 64;
 constexpr std::size_t kRowBytes = kLanes * sizeof(double);
 
 #if EAMPC_LANE_WIDTH == 1
@@ -252,7 +253,12 @@ inline Lanes every_lane_of_row(double row) noexcept {
   return lanes;
 }
 
-// Terms of one piece each, or one term stored negated: the largest piece of some rows.
+constexpr double kSigns[2] = {1.0,
+                              -1.0};  // a table: of a max and a min leaf no branch knows before
+
+// Terms of one piece each, or one term stored negated: the largest piece of some rows. Of two rows
+// the second is the last one: for a leaf of one row the same again, cheaper than a branch that is
+// hard to foresee.
 template <std::size_t Np>
 inline LawValue simple_leaf(const PackedLaw& law, const Point<Np>& point, std::uint32_t code,
                             double sign) noexcept {
@@ -261,11 +267,15 @@ inline LawValue simple_leaf(const PackedLaw& law, const Point<Np>& point, std::u
   const std::size_t groups = LeafCode::groups(code);
   const double* row = law.rows.data() + first * kRow;
   Best best{point.pieces(row), every_lane_of_row(0.0)};
-  for (std::size_t group = 1; group < groups; ++group) {
-    take_larger(best, point.pieces(row + group * kRow),
-                every_lane_of_row(static_cast<double>(group)));
+  if (law.most_groups == 2) {
+    take_larger(best, point.pieces(row + (groups - 1) * kRow), every_lane_of_row(1.0));
+  } else {
+    for (std::size_t group = 1; group < groups; ++group) {
+      take_larger(best, point.pieces(row + group * kRow),
+                  every_lane_of_row(static_cast<double>(group)));
+    }
   }
-  return first_largest(law, best, first, (code & 1U) != 0 ? -sign : sign);
+  return first_largest(law, best, first, sign * kSigns[code & 1U]);
 }
 
 // Terms of several pieces: eight terms per group, one piece of each per row.
@@ -327,13 +337,19 @@ inline LawValue flat_value(const PackedLaw& law, const Point<Np>& point, double 
   for (std::size_t at = 0, shift = 0; at < n_planes; at += kPlanes, shift += kLanes) {
     mask |= std::uint64_t{point.above(planes + at)} << shift;
   }
+  // Up to 64 leaves at a time without a branch: which of them matches first is hard to foresee.
   const std::uint64_t* matches = law.matches.data();
-  const std::size_t n_matches = law.matches.size();
-  std::size_t leaf = 0;
-  for (std::size_t at = 0; at < n_matches; at += 2 * kLanes, leaf += kLanes) {
-    const unsigned found = matching(mask, matches + at, matches + at + kLanes);
+  const std::size_t n_leaves = law.matches.size() / 2;
+  for (std::size_t first = 0; first < n_leaves; first += kMatchesAtOnce) {
+    const std::size_t rest = n_leaves - first;
+    const std::size_t end = first + (rest < kMatchesAtOnce ? rest : kMatchesAtOnce);
+    std::uint64_t found = 0;
+    for (std::size_t leaf = first; leaf < end; leaf += kLanes) {
+      const std::uint64_t* care = matches + 2 * leaf;
+      found |= std::uint64_t{matching(mask, care, care + kLanes)} << (leaf - first);
+    }
     if (found == 0) continue;
-    leaf += static_cast<std::size_t>(__builtin_ctz(found));
+    const std::size_t leaf = first + static_cast<std::size_t>(__builtin_ctzll(found));
     return leaf_value<Np, kGeneral>(law, point, law.flat_leaves.data()[leaf], sign);
   }
   return kNone;

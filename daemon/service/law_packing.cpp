@@ -95,6 +95,7 @@ class Packer {
     law.n_parameters = tables_.n_parameters;
     law.depth = tables_.depth;
     law.root = tables_.flat ? -1 : child(tables_.root);
+    law.most_groups = most_groups_;
     return at;
   }
 
@@ -117,6 +118,7 @@ class Packer {
     }
     const auto row = static_cast<std::uint32_t>(first_row);
     const auto groups = static_cast<std::uint32_t>(leaf.groups());
+    most_groups_ = std::max(most_groups_, static_cast<int>(groups));
     if (general_) {
       known->second = static_cast<std::uint32_t>(leaves_.size());
       leaves_.push_back({row, static_cast<std::uint32_t>(first_group), groups, leaf.negated});
@@ -202,6 +204,7 @@ class Packer {
   const LawTables& tables_;
   std::size_t np_;
   bool general_ = false;
+  int most_groups_ = 0;
   std::map<Leaf, std::uint32_t> codes_;
   std::vector<std::uint32_t> leaf_codes_;
   std::vector<std::byte> nodes_;
