@@ -66,6 +66,9 @@ TEST(MpQp, RefusesWhatItCannotSolve) {
   options.max_regions = 2;
   EXPECT_THROW(solve_mpqp(saturated_line(), options), std::runtime_error);
   options = {};
+  options.time_limit_s = 1e-9;
+  EXPECT_THROW(solve_mpqp(saturated_line(), options), TimeLimit);
+  options = {};
   options.progress = [](int, int) { return false; };
   EXPECT_THROW(solve_mpqp(saturated_line(), options), Cancelled);
 }
@@ -168,15 +171,89 @@ TEST(MpQp, FortyDegenerateChainsAreOptimalAndWithoutHoles) {
   }
 }
 
-TEST(MpQp, IsDeterministic) {
-  const MpQp problem = degenerate_chain(5);
-  const MpQpSolution a = solve_mpqp(problem);
-  const MpQpSolution b = solve_mpqp(problem);
-  ASSERT_EQ(a.regions.size(), b.regions.size());
-  for (std::size_t r = 0; r < a.regions.size(); ++r) {
-    EXPECT_EQ(a.regions[r].active_set, b.regions[r].active_set);
-    EXPECT_EQ(a.regions[r].facet_normals, b.regions[r].facet_normals);
+TEST(MpQp, IsTheSameForAnyNumberOfThreads) {
+  for (const MpQp& problem : {benchmark_p5(10, 2.0), degenerate_chain(5)}) {
+    MpQpOptions options;
+    options.threads = 1;
+    const MpQpSolution a = solve_mpqp(problem, options);
+    for (const int threads : {2, 3}) {
+      options.threads = threads;
+      const MpQpSolution b = solve_mpqp(problem, options);
+      ASSERT_EQ(a.regions.size(), b.regions.size());
+      for (std::size_t r = 0; r < a.regions.size(); ++r) {
+        EXPECT_EQ(a.regions[r].active_set, b.regions[r].active_set);
+        EXPECT_EQ(a.regions[r].gain, b.regions[r].gain);
+        EXPECT_EQ(a.regions[r].facet_normals, b.regions[r].facet_normals);
+        EXPECT_EQ(a.regions[r].neighbours, b.regions[r].neighbours);
+      }
+    }
   }
+}
+
+// |u| ≤ 1 + p0 and p1 ≤ 1: below p0 = −1 rows contradict each other, above p1 = 1 one row fails.
+TEST(MpQp, SaysWhatLiesBeyondEveryFacet) {
+  MpQp problem;
+  problem.H = Eigen::MatrixXd::Identity(1, 1);
+  problem.F = Eigen::MatrixXd(1, 2);
+  problem.F << 1.0, 1.0;
+  problem.f = Eigen::VectorXd::Zero(1);
+  problem.G = Eigen::MatrixXd(3, 1);
+  problem.G << 1.0, -1.0, 0.0;
+  problem.w = Eigen::VectorXd::Ones(3);
+  problem.S = Eigen::MatrixXd(3, 2);
+  problem.S << 1.0, 0.0, 1.0, 0.0, 0.0, -1.0;
+  problem.lower = Eigen::Vector2d(-2.0, -2.0);
+  problem.upper = Eigen::Vector2d(2.0, 2.0);
+  const MpQpSolution solution = solve_mpqp(problem);
+  EXPECT_TRUE(solution.has_infeasible_parameters);
+  int infeasible = 0, parameter_row = 0;
+  for (const CriticalRegion& region : solution.regions) {
+    for (std::size_t f = 0; f < region.facet_kinds.size(); ++f) {
+      const Eigen::RowVectorXd normal = region.facet_normals.row(static_cast<Eigen::Index>(f));
+      const double offset = region.facet_offsets(static_cast<Eigen::Index>(f));
+      switch (region.facet_kinds[f]) {
+        case FacetKind::kInfeasible:
+          ++infeasible;
+          EXPECT_NEAR(normal(0), -1.0, 1e-12);
+          EXPECT_NEAR(offset, 1.0, 1e-12);
+          break;
+        case FacetKind::kParameterRow:
+          ++parameter_row;
+          EXPECT_NEAR(normal(1), 1.0, 1e-12);
+          EXPECT_NEAR(offset, 1.0, 1e-12);
+          break;
+        case FacetKind::kBox:
+          EXPECT_NEAR(offset, 2.0, 1e-12);
+          EXPECT_TRUE(region.neighbours[f].empty());
+          break;
+        default:
+          EXPECT_FALSE(region.neighbours[f].empty());
+      }
+    }
+  }
+  EXPECT_GT(infeasible, 0);
+  EXPECT_GT(parameter_row, 0);
+}
+
+// Where more rows are tight than there are inputs, several active sets describe one solution.
+TEST(MpQp, RegionsDoNotOverlapWhereRowsDepend) {
+  long flat = 0;
+  for (unsigned seed = 0; seed < 40; ++seed) {
+    SCOPED_TRACE(seed);
+    const MpQp problem = degenerate_chain(seed);
+    const MpQpSolution solution = solve_mpqp(problem);
+    flat += solution.statistics.flat_active_sets;
+    std::mt19937 random(seed);
+    for (int i = 0; i < 300; ++i) {
+      const Eigen::VectorXd p = random_parameter(problem, random);
+      int holders = 0;
+      for (const CriticalRegion& region : solution.regions) {
+        holders += (region.facet_normals * p - region.facet_offsets).maxCoeff() < -1e-7 ? 1 : 0;
+      }
+      EXPECT_LE(holders, 1) << p.transpose();
+    }
+  }
+  EXPECT_GT(flat, 100);
 }
 
 // Leaving out saturated regions must not lose an unsaturated one.

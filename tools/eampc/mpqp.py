@@ -12,31 +12,44 @@ that regions do not overlap.
 
 from __future__ import annotations
 
-import itertools
 import json
 import operator
 import os
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eampc.critical_regions import FACET_KINDS, Region, Regions
 from eampc.errors import UserError
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], Any]
 
 PROBLEM_KEYS = ("H", "F", "f", "G", "w", "S", "lower", "upper")
-FACET_KINDS = ("inner", "box", "parameter row", "infeasible", "saturated")
 # A parameter this far outside a facet, in units of the box's half-width, still lies in the region.
 INSIDE = 1e-9
 MAX_PARAMETERS = 8
 _FORMAT = "eampc mpqp solution 1"
+
+__all__ = [
+    "FACET_KINDS",
+    "MpqpError",
+    "NotProvedError",
+    "Problem",
+    "Region",
+    "Regions",
+    "Solution",
+    "TimeLimitError",
+    "checked_problem",
+    "load",
+    "load_problem",
+    "solve",
+]
 
 
 class MpqpError(UserError, ValueError):
@@ -64,72 +77,6 @@ class Problem(NamedTuple):
     S: Array  # (m, np)
     lower: Array  # (np,)
     upper: Array  # (np,)
-
-
-@dataclass(frozen=True, eq=False)
-class Region:
-    """A critical region {p : facet_normals @ p ≤ facet_offsets} and its affine solution.
-
-    `facet_kinds` says per facet what lies beyond: "inner" other regions, listed in `neighbours`;
-    "box" a face of the parameter box; "parameter row" and "infeasible" parameters without a
-    solution, because of one row without U or because the rows contradict each other.
-    """
-
-    active_set: tuple[int, ...]  # rows of the problem that hold with equality, ascending
-    gain: Array  # (n, np): U(p) = gain @ p + offset
-    offset: Array  # (n,)
-    facet_normals: Array  # (k, np), unit rows
-    facet_offsets: Array  # (k,)
-    facet_kinds: tuple[str, ...]  # k
-    neighbours: tuple[tuple[int, ...], ...]  # k: indices of the regions beyond each facet
-    interior: Array  # (np,), centre of a largest ball in the box scaled to ±1
-    radius: float  # of that ball, in the same scale
-
-    def __call__(self, p: ArrayLike) -> Array:
-        """U at p (np,) or at every row of p (N, np), inside the region or not."""
-        return np.asarray(p, float) @ self.gain.T + self.offset
-
-
-class Regions(Sequence[Region]):
-    """The regions of a solution; made on demand from its flat arrays."""
-
-    def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
-        self._arrays = arrays
-
-    def __len__(self) -> int:
-        return len(self._arrays["radius"])
-
-    @overload
-    def __getitem__(self, index: int) -> Region: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Region]: ...
-    def __getitem__(self, index: int | slice) -> Region | list[Region]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        r = operator.index(index)
-        r = r + len(self) if r < 0 else r
-        if not 0 <= r < len(self):
-            raise IndexError(f"region {index} of {len(self)}")
-        a = self._arrays
-        facets = slice(a["facet_first"][r], a["facet_first"][r + 1])
-        first = a["neighbour_first"][facets.start : facets.stop + 1]
-        return Region(
-            tuple(a["active_rows"][a["active_first"][r] : a["active_first"][r + 1]].tolist()),
-            a["gain"][r],
-            a["offset"][r],
-            a["facet_normals"][facets],
-            a["facet_offsets"][facets],
-            tuple(FACET_KINDS[kind] for kind in a["facet_kinds"][facets]),
-            tuple(
-                tuple(a["neighbours"][start:end].tolist())
-                for start, end in itertools.pairwise(first)
-            ),
-            a["interior"][r],
-            float(a["radius"][r]),
-        )
-
-    def __iter__(self) -> Iterator[Region]:
-        return (self[r] for r in range(len(self)))
 
 
 class Solution:
@@ -364,7 +311,7 @@ def load(path: str | os.PathLike[str]) -> Solution:
         arrays = {key: np.ascontiguousarray(stored[key], kind) for key, kind in _ARRAYS.items()}
         statistics = json.loads(str(stored["statistics"]))
         solution = Solution(problem, arrays, statistics)
-        solution._located(np.empty((0, len(problem.lower))))  # refuses arrays that do not fit
+        _require_consistent(solution)
     except (KeyError, TypeError, ValueError, MpqpError) as error:
         raise MpqpError(f"{path}: the solution is damaged ({error}); solve it again") from None
     return solution
@@ -400,6 +347,33 @@ _ARRAYS: dict[str, Any] = {
     "interior": np.float64,
     "radius": np.float64,
 }
+
+
+def _require_consistent(solution: Solution) -> None:
+    a, (n, count) = solution.arrays, solution.problem.F.shape
+    regions = len(a["radius"])
+    shapes = {
+        "active_first": (regions + 1,),
+        "gain": (regions, n, count),
+        "offset": (regions, n),
+        "facet_first": (regions + 1,),
+        "facet_normals": (len(a["facet_offsets"]), count),
+        "interior": (regions, count),
+    }
+    for name, shape in shapes.items():
+        if a[name].shape != shape:
+            raise ValueError(f"{name} has shape {a[name].shape} instead of {shape}")
+    for name, array in a.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} holds a number that is not finite")
+    first, rows = a["active_first"], a["active_rows"]
+    if first[0] != 0 or first[-1] != len(rows) or (np.diff(first) < 0).any():
+        raise ValueError("active_first does not divide active_rows")
+    if len(rows) and not (rows.min() >= 0 and rows.max() < len(solution.problem.w)):
+        raise ValueError("active_rows names a row that the problem does not have")
+    if not np.isin(a["facet_kinds"], range(len(FACET_KINDS))).all():
+        raise ValueError("facet_kinds holds an unknown kind")
+    solution._located(np.empty((0, count)))  # refuses facets and neighbours that do not fit
 
 
 def _archive(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:

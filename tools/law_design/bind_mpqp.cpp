@@ -31,6 +31,7 @@ nb::dict statistics(const MpQpStatistics& s) {
   d["infeasible_facets"] = s.infeasible_facets;
   d["stepped_facets"] = s.stepped_facets;
   d["flat_regions_dropped"] = s.flat_regions_dropped;
+  d["largest_jump"] = s.largest_jump;
   d["thin_regions"] = s.thin_regions;
   d["saturated_active_sets"] = s.saturated_active_sets;
   d["random_points"] = s.random_points;

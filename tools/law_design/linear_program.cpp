@@ -86,7 +86,7 @@ template <int N>
 LinearProgram::Entering LinearProgram::most_violated(std::span<const HalfSpaces* const> parts) {
   const int n = N > 0 ? N : dimension_;
   Entering worst;
-  worst.violation = kTolerance;
+  worst.violation = tolerance_;
   int first = 0;
   double* excess = excess_.data();
   for (const HalfSpaces* part : parts) {
@@ -203,7 +203,7 @@ LpResult LinearProgram::solve(std::span<const HalfSpaces* const> parts, double c
         worst = std::max(worst, std::abs(b));
       }
       for (int j = 0; j < n; ++j) worst = std::max(worst, std::abs(alpha[j]));
-      if (worst < 1e-11 || (fresh && !inside_basis)) return {LpStatus::kOptimal, value};
+      if (worst < tolerance_ || (fresh && !inside_basis)) return {LpStatus::kOptimal, value};
       if (++restarts > 3 || fresh || !refactorise(parts)) break;
       fresh = true;
       continue;

@@ -28,7 +28,7 @@ struct LpResult {
 
 class LinearProgram {
  public:
-  /// Distance by which a row may be violated.
+  /// Distance by which a row may be violated, unless set otherwise.
   static constexpr double kTolerance = 1e-11;
 
   /// A program in the box [-1, 1]^dimension.
@@ -38,6 +38,8 @@ class LinearProgram {
   /// Size of the irregular change of c that breaks ties; the optimum is exact to n times this, or
   /// (in the rare second attempt after a failure) a safe upper bound within 3e-11·n.
   void set_perturbation(double size) { perturbation_ = size; }
+  /// Distance by which a row may be violated from now on.
+  void set_tolerance(double distance) { tolerance_ = distance; }
   void set_bounds(int j, double lower, double upper);
 
   /// Maximises c·x over the rows of all `parts`.
@@ -72,6 +74,7 @@ class LinearProgram {
 
   int dimension_;
   double perturbation_ = 1e-13;
+  double tolerance_ = kTolerance;
   long count_ = 0;
   std::vector<double> lower_, upper_, c_, x_, multipliers_, inverse_, entering_, alpha_, excess_;
   std::vector<int> basis_rows_;

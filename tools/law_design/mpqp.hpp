@@ -55,13 +55,13 @@ struct MpQpStatistics {
   int regions = 0;
   long lps = 0;
   long qps = 0;
-  long flat_active_sets = 0;       ///< optimal only on a set without volume: walked through
-  long degenerate_fallbacks = 0;   ///< crossings that led through such a set
-  long infeasible_facets = 0;      ///< facets of the feasible set's border, inside the box
-  long stepped_facets = 0;         ///< facets beyond which rounding hid the active set
-  long flat_regions_dropped = 0;   ///< slivers beyond those, with an error below 1e-8 of the
-                                   ///< largest solution
-  long thin_regions = 0;           ///< kept though their radius is below 1e-8
+  long flat_active_sets = 0;      ///< optimal only on a set without volume: walked through
+  long degenerate_fallbacks = 0;  ///< crossings that led through such a set
+  long infeasible_facets = 0;     ///< facets of the feasible set's border, inside the box
+  long stepped_facets = 0;        ///< facets beyond which rounding hid the active set
+  long flat_regions_dropped = 0;  ///< slivers left out because a neighbour's solution is as good …
+  double largest_jump = 0.0;      ///< … to this share of the largest solution, at most 1e-6
+  long thin_regions = 0;          ///< kept though their radius is below 1e-10
   long saturated_active_sets = 0;  ///< left out because of MpQpOptions::output
   long random_points = 0;          ///< points checked beside the facets …
   long closure_misses = 0;         ///< … that lay outside all regions known then (now covered)

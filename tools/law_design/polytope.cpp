@@ -1,5 +1,6 @@
 #include "law_design/polytope.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -8,8 +9,10 @@
 namespace eampc::law_design {
 namespace {
 
-// A row that cuts off less than this beyond the other rows is redundant.
+// A row that cuts off less than this beyond the other rows is redundant; in a thin polytope, whose
+// nearly parallel planes meet far away, a hundredth of its radius, as far as rounding allows.
 constexpr double kCut = 1e-10;
+constexpr double kLeastCut = 2e-12;
 constexpr double kClear = 1e-9;
 
 enum : char { kUnknown = 0, kFacet = 1, kRedundant = 2 };
@@ -77,9 +80,9 @@ void PolytopeReducer::drop_redundant(Polytope& result) {
     result.facets.copy_normal(f, normal.data());
     const double offset = result.facets.offset(f);
     found_.set_offset(f, 1e30);
-    const LpResult support = support_.maximise(normal.data(), found_, offset + kCut);
+    const LpResult support = support_.maximise(normal.data(), found_, offset + cut_);
     if (support.status == LpStatus::kBelowCutoff ||
-        (support.status == LpStatus::kOptimal && support.value <= offset + kCut)) {
+        (support.status == LpStatus::kOptimal && support.value <= offset + cut_)) {
       dropped[index(f)] = 1;
       any = true;
     } else {
@@ -145,6 +148,8 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
   result = Polytope{};
   result.facets = HalfSpaces(n);
   result.radius = ball_.point()[n];
+  cut_ = std::clamp(0.01 * result.radius, kLeastCut, kCut);
+  support_.set_tolerance(0.1 * cut_);
   for (int j = 0; j < n; ++j) result.centre[index(j)] = ball_.point()[j];
 
   const int m = rows_.size();
@@ -180,9 +185,9 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
       Point normal{};
       rows_.copy_normal(i, normal.data());
       const double offset = rows_.offset(i);
-      const LpResult support = support_.maximise(normal.data(), found_, offset + kCut);
+      const LpResult support = support_.maximise(normal.data(), found_, offset + cut_);
       if (support.status == LpStatus::kBelowCutoff ||
-          (support.status == LpStatus::kOptimal && support.value <= offset + kCut)) {
+          (support.status == LpStatus::kOptimal && support.value <= offset + cut_)) {
         state_[index(i)] = kRedundant;
         break;
       }
@@ -208,8 +213,8 @@ bool PolytopeReducer::reduce(const HalfSpaces& rows, const std::vector<int>& lab
   for (int i = own_rows; i < m; ++i) {
     Point normal{};
     rows_.copy_normal(i, normal.data());
-    const LpResult support = support_.maximise(normal.data(), found_, 1.0 - kCut);
-    if (support.status != LpStatus::kOptimal || support.value <= 1.0 - kCut) continue;
+    const LpResult support = support_.maximise(normal.data(), found_, 1.0 - cut_);
+    if (support.status != LpStatus::kOptimal || support.value <= 1.0 - cut_) continue;
     Point on_facet{};
     for (int j = 0; j < n; ++j) on_facet[index(j)] = support_.point()[j];
     accept(i, on_facet, true, result);

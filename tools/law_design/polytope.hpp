@@ -57,6 +57,7 @@ class PolytopeReducer {
   std::vector<char> state_;
   HalfSpaces found_;
   int own_rows_ = 0;
+  double cut_ = 0.0;           // what a row must cut off to be a facet
   std::vector<int> doubtful_;  // facets that may touch the polytope in less than a facet
 };
 

@@ -17,7 +17,7 @@ constexpr double kCoincident = 1e-9;
 // Share of an active row in a dependent one that counts as none: the exchange would leave
 // dependent rows.
 constexpr double kShare = ActiveRows::kDependent;
-constexpr double kParallel = 1e-6;   // sine of the angle of planes that count as parallel
+constexpr double kParallel = 1e-9;   // sine of the angle of planes that count as parallel
 constexpr double kSaturated = 1e-9;  // of the output's range
 
 constexpr std::size_t index(Eigen::Index i) { return static_cast<std::size_t>(i); }
@@ -314,21 +314,33 @@ double RegionBuilder::shared_radius(const RegionRows& rows, const Polytope& poly
   slice_rows_.clear();
   std::array<double, kMaxDimension + 1> a{};
   bool apart = false;
-  const auto add_row = [&](const HalfSpaces& from, int i) {
+  // Planes that are the facet's own, from either side, to within `tolerance` do not count.
+  const auto add_row = [&](const HalfSpaces& from, int i, double tolerance) {
     from.copy_normal(i, a.data());
     double along = 0.0;
     for (int j = 0; j < np; ++j) along += a[index(j)] * normal[index(j)];
-    const double within = std::sqrt(std::max(1.0 - along * along, 0.0));
+    const double side = along > 0.0 ? 1.0 : -1.0;
+    double different = std::abs(from.offset(i) - side * offset);
+    double within = 0.0;
+    for (int j = 0; j < np; ++j) {
+      different = std::max(different, std::abs(a[index(j)] - side * normal[index(j)]));
+      const double across = a[index(j)] - along * normal[index(j)];
+      within += across * across;
+    }
+    if (different <= tolerance) return;
+    within = std::sqrt(within);
     if (within < kParallel) {
-      apart |= (along > 0.0 ? offset : -offset) > from.offset(i) + kParallel;
+      apart |= along * offset > from.offset(i) + 3.0 * kParallel;
       return;
     }
     a[index(np)] = within;
     slice_rows_.append(a.data(), from.offset(i));
   };
-  for (int i = 0; i < rows.rows.size(); ++i) add_row(rows.rows, i);
+  for (int i = 0; i < rows.rows.size(); ++i) {
+    add_row(rows.rows, i, 1e-8 + rows.roundings[index(i)]);
+  }
   for (int i = 0; i < polytope.facets.size(); ++i) {
-    if (i != facet) add_row(polytope.facets, i);
+    if (i != facet) add_row(polytope.facets, i, 0.0);
   }
   for (const double sign : {1.0, -1.0}) {
     for (int j = 0; j < np; ++j) a[index(j)] = sign * normal[index(j)];

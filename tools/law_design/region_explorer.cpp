@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
 #include <string>
 #include <utility>
 
@@ -12,12 +11,14 @@ namespace eampc::law_design {
 namespace {
 
 // All in q, the parameters scaled to ±1.
-constexpr double kLeastRadius = 1e-8;    // thinner regions are flat unless they prove needed
+constexpr double kLeastRadius = 1e-10;   // thinner regions are flat unless they prove needed
 constexpr double kForcedRadius = 1e-11;  // thinner ones cannot be told from rounding
 constexpr double kCoincident = 1e-8;     // planes this close share a facet
 constexpr double kInside = 1e-9;         // excess of a facet that still counts as inside
 constexpr double kSliver = 1e-8;         // facets of a smaller radius may have nothing beyond
-constexpr double kJump = 1e-8;           // of the largest optimal z, whose norm is 1
+constexpr double kThin = 1e-8;           // sets thinner than this along a ray are passed over
+constexpr double kJump = 1e-8;           // of the largest optimal z, whose norm is 1: sought …
+constexpr double kLargestJump = 1e-6;    // … and accepted where rounding allows no better
 constexpr int kDeepest = 64;             // flat sets on the way through one facet
 constexpr int kRound = 4096;             // regions crossed in one round
 constexpr int kWorthThreads = 32;        // sets to build
@@ -138,7 +139,15 @@ void RegionExplorer::take(const Step& step, FacetOutcome& outcome, std::vector<S
   const SeenSet& seen = seen_[index(step.seen)];
   switch (seen.built) {
     case Built::kFull:
-      if (shares_plane(step.region, step.facet, seen.region)) {
+      if (step.sliver >= 0) {
+        if (!regions_[index(seen.region)].polytope.facets.contains(step.at.data(), kThin)) return;
+        if (jump(step.region, seen.region, step.at) > kJump ||
+            !pass_over(step.region, step.facet, seen.region, step.at)) {
+          outcome.failed = true;
+          outcome.sliver = step.sliver;
+          outcome.at = step.at;
+        }
+      } else if (shares_plane(step.region, step.facet, seen.region)) {
         link(step.region, step.facet, seen.region);
       }  // else it meets the facet in less than a facet, if at all
       return;
@@ -150,6 +159,25 @@ void RegionExplorer::take(const Step& step, FacetOutcome& outcome, std::vector<S
     case Built::kFlat:
       walk_through(step, outcome, further);
   }
+}
+
+// The row through which the ray from a point of a facet leaves a set, if that is very near.
+int RegionExplorer::exit_of_ray(const RegionRows& rows, const HalfSpaces& facets, int facet,
+                                const Point& from) const {
+  int exit = -1;
+  double nearest = kThin;
+  for (int i = 0; i < rows.rows.size(); ++i) {
+    double along = 0.0;
+    for (int j = 0; j < form_.parameters; ++j) {
+      along += rows.rows.normal(i, j) * facets.normal(facet, j);
+    }
+    if (along < 0.1) continue;
+    const double distance = (rows.rows.offset(i) - rows.rows.product(i, from.data())) / along;
+    if (distance >= nearest) continue;
+    nearest = distance;
+    exit = i;
+  }
+  return exit;
 }
 
 // The perturbed problem's region of a flat set is a thin layer on the facet; the plane that bounds
@@ -178,6 +206,8 @@ void RegionExplorer::walk_through(const Step& step, FacetOutcome& outcome,
   RegionBuilder& builder = *builders_.front();
   const Polytope& polytope = regions_[index(step.region)].polytope;
   if (builder.shared_radius(rows, polytope, step.facet, middle) < kSliver) return;
+  const bool thin = exit < 0;
+  if (thin) exit = exit_of_ray(rows, facets, step.facet, middle);
   if (exit < 0 || step.depth >= kDeepest) {
     outcome.failed = true;
     outcome.at = middle;
@@ -193,7 +223,8 @@ void RegionExplorer::walk_through(const Step& step, FacetOutcome& outcome,
   builder.cross(step.facet, rows.labels[index(exit)], crossings);
   if (crossings.empty()) outcome.infeasible = true;
   for (const Crossing& crossing : crossings) {
-    further.push_back({step.region, step.facet, see(crossed(active, crossing)), step.depth + 1});
+    further.push_back({step.region, step.facet, see(crossed(active, crossing)), step.depth + 1,
+                       thin ? step.seen : step.sliver, thin ? middle : step.at});
   }
 }
 
@@ -206,7 +237,7 @@ void RegionExplorer::explore_round() {
     const ExploredRegion& from = regions_[index(region)];
     outcomes[index(region - first)].resize(from.facet_kinds.size());
     for (const Crossing& crossing : from.crossings) {
-      steps.push_back({region, crossing.facet, see(crossed(from.active, crossing)), 0});
+      steps.push_back({region, crossing.facet, see(crossed(from.active, crossing)), 0, -1, {}});
     }
   }
   while (!steps.empty()) {
@@ -235,7 +266,9 @@ void RegionExplorer::settle(int region, int facet, const FacetOutcome& outcome) 
     kind = FacetKind::kSaturated;
     return;
   }
-  if (outcome.failed) {
+  if (outcome.sliver >= 0 && adopt_thin(outcome.sliver)) {
+    link(region, facet, seen_[index(outcome.sliver)].region);
+  } else if (outcome.failed) {
     step_across(region, facet, outcome.at);
   } else if (regions_[index(region)].neighbours[index(facet)].empty()) {
     if (outcome.infeasible) {
@@ -250,19 +283,6 @@ void RegionExplorer::settle(int region, int facet, const FacetOutcome& outcome) 
   }
 }
 
-QpStatus RegionExplorer::solve_at(const Point& q, double nudge, std::vector<int>& active) {
-  form_.right_side(q.data(), right_side_.data());
-  for (int i = 0; i < static_cast<int>(form_.rows.rows()); ++i) {
-    right_side_[index(i)] += nudge * builders_.front()->nudge(i);
-  }
-  QpStatus status = program_.solve(right_side_.data(), active);
-  if (status == QpStatus::kFailed && !active.empty()) {
-    active.clear();
-    status = program_.solve(right_side_.data(), active);
-  }
-  return status;
-}
-
 double RegionExplorer::jump(int region, int other, const Point& q) const {
   const Eigen::Index np = form_.parameters;
   const auto difference = regions_[index(region)].z - regions_[index(other)].z;
@@ -271,6 +291,16 @@ double RegionExplorer::jump(int region, int other, const Point& q) const {
     at_q += difference.col(j) * q[static_cast<std::size_t>(j)];
   }
   return at_q.lpNorm<Eigen::Infinity>();
+}
+
+// True if the other region's solution is good enough for the sliver that hides between.
+bool RegionExplorer::pass_over(int region, int facet, int other, const Point& q) {
+  const double wrong_by = jump(region, other, q);
+  if (wrong_by > kLargestJump) return false;
+  statistics_.largest_jump = std::max(statistics_.largest_jump, wrong_by);
+  ++statistics_.flat_regions_dropped;
+  link(region, facet, other);
+  return true;
 }
 
 void RegionExplorer::unresolved(const Point& q) {
@@ -299,11 +329,7 @@ void RegionExplorer::step_across(int region, int facet, const Point& middle) {
     }
     const int holder = region_holding(q.data());
     if (holder == region) return;  // a sliver of a facet, cut off by less than a step
-    if (holder >= 0 && jump(region, holder, middle) <= kJump) {
-      ++statistics_.flat_regions_dropped;
-      link(region, facet, holder);
-      return;
-    }
+    if (holder >= 0 && pass_over(region, facet, holder, middle)) return;
     std::vector<int> active = regions_[index(region)].active;
     const QpStatus status = solve_at(q, 1e-3 * step, active);
     if (status == QpStatus::kInfeasible) {
@@ -319,11 +345,7 @@ void RegionExplorer::step_across(int region, int facet, const Point& middle) {
     }
     const int other = seen_[index(seen)].region;
     if (other >= 0 && regions_[index(other)].polytope.facets.contains(q.data(), kInside)) {
-      if (jump(region, other, middle) <= kJump) {
-        ++statistics_.flat_regions_dropped;
-        link(region, facet, other);
-        return;
-      }
+      if (pass_over(region, facet, other, middle)) return;
     } else if (thin < 0 && seen_[index(seen)].built == Built::kFlat) {
       thin = seen;
     }
@@ -339,6 +361,7 @@ void RegionExplorer::step_across(int region, int facet, const Point& middle) {
 }
 
 bool RegionExplorer::adopt_thin(int seen) {
+  if (seen_[index(seen)].region >= 0) return true;
   ExploredRegion region;
   if (builders_.front()->build(*seen_[index(seen)].active, kForcedRadius, region) != Built::kFull) {
     return false;
@@ -346,103 +369,6 @@ bool RegionExplorer::adopt_thin(int seen) {
   ++statistics_.thin_regions;
   adopt(std::move(region), seen_[index(seen)]);
   return true;
-}
-
-void RegionExplorer::find_first_region() {
-  std::mt19937 random(1);
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  std::vector<Point> points;
-  for (const Eigen::VectorXd& q : form_.feasible_points) {
-    points.emplace_back();
-    std::copy(q.data(), q.data() + form_.parameters, points.back().begin());
-  }
-  // Small steps away from the feasible ones: their own active set may be flat.
-  for (std::size_t i = 0; i < 100 && !form_.feasible_points.empty(); ++i) {
-    Point q = points[i % form_.feasible_points.size()];
-    for (int j = 0; j < form_.parameters; ++j) {
-      q[index(j)] = std::clamp(q[index(j)] + 1e-3 * uniform(random), -1.0, 1.0);
-    }
-    points.push_back(q);
-  }
-  for (const double nudge : {1e-8, 1e-6, 0.0}) {
-    for (const Point& q : points) {
-      std::vector<int> active;
-      if (!form_.parameter_rows.contains(q.data(), 0.0)) continue;
-      if (solve_at(q, nudge, active) == QpStatus::kOptimal) see_and_build(active);
-      if (!regions_.empty()) return;
-      if (statistics_.saturated_active_sets > 0 && options_.output) return;
-    }
-  }
-}
-
-int RegionExplorer::region_holding(const double* q) const {
-  for (std::size_t r = 0; r < regions_.size(); ++r) {
-    if (regions_[r].polytope.facets.contains(q, kInside)) return static_cast<int>(r);
-  }
-  return -1;
-}
-
-// Across the facet that q violates most, again and again.
-int RegionExplorer::walk_to(const double* q, int start) const {
-  int region = start;
-  for (int step = 0; step < 100; ++step) {
-    const ExploredRegion& here = regions_[index(region)];
-    const HalfSpaces& facets = here.polytope.facets;
-    int worst = -1;
-    double excess = kInside;
-    for (int f = 0; f < facets.size(); ++f) {
-      const double e = facets.product(f, q) - facets.offset(f);
-      if (e > excess) {
-        excess = e;
-        worst = f;
-      }
-    }
-    if (worst < 0) return region;
-    const std::vector<int>& neighbours = here.neighbours[index(worst)];
-    if (neighbours.empty()) return -1;
-    region = neighbours[index(step) % neighbours.size()];
-  }
-  return -1;
-}
-
-bool RegionExplorer::check_random_points() {
-  std::mt19937 random(options_.seed + 1);
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  std::vector<int> active;
-  Point q{};
-  int last = 0;
-  for (int i = 0; i < options_.random_points; ++i) {
-    if (i % 256 == 0 && !report(false)) throw Cancelled();
-    for (int j = 0; j < form_.parameters; ++j) q[index(j)] = uniform(random);
-    if (!form_.parameter_rows.contains(q.data(), 0.0)) continue;
-    ++statistics_.random_points;
-    if (!regions_.empty()) {
-      const int found = walk_to(q.data(), last);
-      if (found >= 0) {
-        last = found;
-        continue;
-      }
-    }
-    if (solve_at(q, 0.0, active) == QpStatus::kInfeasible) {
-      ++statistics_.infeasible_points;
-      active.clear();
-      continue;
-    }
-    const auto entry = known_.find(active);
-    if (entry != known_.end() && seen_[index(entry->second)].built == Built::kSaturated) continue;
-    if (entry != known_.end() && seen_[index(entry->second)].region >= 0) continue;
-    if (region_holding(q.data()) >= 0) continue;
-    if (solve_at(q, 1e-9, active) == QpStatus::kOptimal) {
-      const SeenSet& seen = seen_[index(see_and_build(active))];
-      if (seen.built == Built::kSaturated) continue;
-      if (seen.region >= 0) {
-        if (!options_.output) ++statistics_.closure_misses;
-        continue;
-      }
-    }
-    unresolved(q);
-  }
-  return next_ == regions_.size();
 }
 
 void RegionExplorer::link_both_ways() {

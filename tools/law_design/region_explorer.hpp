@@ -53,10 +53,13 @@ class RegionExplorer {
   /// A set reached from a facet of a region, perhaps through flat ones.
   struct Step {
     int region, facet, seen, depth;
+    int sliver = -1;  // a set on the way that is not flat but too thin to keep, left …
+    Point at{};       // … by the ray from here
   };
   struct FacetOutcome {
     bool saturated = false, infeasible = false, failed = false;
-    Point at{};  // where it failed
+    int sliver = -1;  // because of this set
+    Point at{};       // where it failed
   };
 
   /// Index in seen_, listed for building if new.
@@ -67,12 +70,15 @@ class RegionExplorer {
   void explore_round();
   void take(const Step& step, FacetOutcome& outcome, std::vector<Step>& further);
   void walk_through(const Step& step, FacetOutcome& outcome, std::vector<Step>& further);
+  int exit_of_ray(const RegionRows& rows, const HalfSpaces& facets, int facet,
+                  const Point& from) const;
   bool shares_plane(int region, int facet, int other) const;
   void link(int region, int facet, int neighbour);
   void settle(int region, int facet, const FacetOutcome& outcome);
   void step_across(int region, int facet, const Point& middle);
   bool adopt_thin(int seen);
   double jump(int region, int other, const Point& q) const;
+  bool pass_over(int region, int facet, int other, const Point& q);
   void unresolved(const Point& q);
   QpStatus solve_at(const Point& q, double nudge, std::vector<int>& active);
   void find_first_region();
