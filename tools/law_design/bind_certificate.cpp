@@ -60,7 +60,7 @@ nb::dict figures(const LawCertificate& c) {
   d["duplicates"] = c.coverage.duplicates;
   d["gaps"] = static_cast<std::int64_t>(c.coverage.gap_regions.size());
   d["largest_gap"] = c.coverage.largest_gap;
-  d["slivers"] = c.coverage.slivers;
+  d["facet_slivers"] = c.coverage.slivers;
   d["plane_mismatch"] = c.coverage.plane_mismatch;
   d["law_mismatch"] = c.coverage.law_mismatch;
   d["output_jump"] = c.coverage.jump;
@@ -71,7 +71,11 @@ nb::dict figures(const LawCertificate& c) {
     d["evaluated"] = c.evaluated;
     d["cells"] = c.evaluator->cells;
     d["wrong_cells"] = c.evaluator->wrong_cells;
+    d["decided_in_extended_precision"] = c.evaluator->decided_again;
     d["law_error"] = c.evaluator->law_error;
+    d["sliver_cells"] = c.evaluator->slivers;
+    d["sliver_error"] = c.evaluator->sliver_error;
+    d["sliver_radius"] = c.evaluator->sliver_radius;
     d["edge_error"] = c.evaluator->edge_error;
     d["depth"] = c.depth;
     lps += c.evaluator->lps;

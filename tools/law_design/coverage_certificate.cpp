@@ -26,7 +26,7 @@ std::size_t index(int i) { return static_cast<std::size_t>(i); }
 // What the facets of one region contributed.
 struct RegionCoverage {
   long facets = 0, matched = 0, walked = 0, infeasible = 0, failed = 0, slivers = 0;
-  double plane_mismatch = 0.0, law_mismatch = 0.0, jump = 0.0, thickness = 0.0;
+  double plane_mismatch = 0.0, law_mismatch = 0.0, jump = 0.0, gap_radius = 0.0;
   std::string failure;
   std::vector<CertifiedRegion> gaps;
 };
@@ -49,7 +49,7 @@ RegionCoverage cross_facets(FacetWalk& walk, const CertifiedRegion& region, int 
     c.plane_mismatch = std::max(c.plane_mismatch, beyond.plane_mismatch);
     c.law_mismatch = std::max(c.law_mismatch, beyond.law_mismatch);
     c.jump = std::max(c.jump, beyond.jump);
-    c.thickness = std::max(c.thickness, beyond.thickness);
+    c.gap_radius = std::max(c.gap_radius, beyond.gap_radius);
     if (c.failure.empty()) c.failure = beyond.failure;
     for (CertifiedRegion& gap : beyond.gaps) c.gaps.push_back(std::move(gap));
   }
@@ -130,7 +130,7 @@ CoverageCertificate certify_coverage(const CertificateProblem& problem,
     result.plane_mismatch = std::max(result.plane_mismatch, part.plane_mismatch);
     result.law_mismatch = std::max(result.law_mismatch, part.law_mismatch);
     result.jump = std::max(result.jump, part.jump);
-    result.largest_gap = std::max(result.largest_gap, part.thickness);
+    result.largest_gap = std::max(result.largest_gap, part.gap_radius);
     if (result.failure.empty()) result.failure = part.failure;
     for (CertifiedRegion& gap : part.gaps) gaps.emplace(gap.independent, std::move(gap));
   }

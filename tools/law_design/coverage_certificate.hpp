@@ -45,7 +45,7 @@ struct CoverageCertificate {
   double plane_mismatch = 0.0;  ///< largest difference of the planes of two matched facets
   double law_mismatch = 0.0;    ///< … of z and λ on it, of their size
   double jump = 0.0;            ///< … of the output on it, of its range
-  double largest_gap = 0.0;     ///< thickness of the gaps between regions of the list
+  double largest_gap = 0.0;     ///< radius of the largest ball in a gap of the list
   long slivers = 0;             ///< pieces of facets left out, see FacetWalk::kSliver
   int generic_points = 0;       ///< each held by exactly one region
   double volume = -1.0;         ///< of all regions over the box's, if np ≤ 3; else negative

@@ -31,7 +31,7 @@ EvaluatorCertificate certify_evaluator(const CertificateProblem& problem, const 
   }
   std::vector<std::unique_ptr<EvaluatorDescent>> descents;
   for (int t = 0; t < options.threads; ++t) {
-    descents.push_back(std::make_unique<EvaluatorDescent>(tables, law, options.tolerance));
+    descents.push_back(std::make_unique<EvaluatorDescent>(problem, tables, law, options.tolerance));
   }
   std::vector<EvaluatorDescent::Result> parts(all.size());
   parallel_range(
@@ -47,6 +47,10 @@ EvaluatorCertificate certify_evaluator(const CertificateProblem& problem, const 
     const EvaluatorDescent::Result& part = parts[r];
     result.cells += part.cells;
     result.wrong_cells += part.wrong_cells;
+    result.slivers += part.slivers;
+    result.sliver_error = std::max(result.sliver_error, part.sliver_error);
+    result.sliver_radius = std::max(result.sliver_radius, part.sliver_radius);
+    result.decided_again += part.decided_again;
     result.law_error = std::max(result.law_error, part.error);
     if (part.wrong_cells == 0 || !result.failure.empty()) continue;
     std::string active;

@@ -9,6 +9,9 @@
 // Both are linear in q (the second after a choice of pieces, tried one by one), so every question
 // is a linear program, and none is sampled.
 //
+// What doubles leave open is asked again in extended precision, with every condition of the region:
+// in a corner between nearly parallel planes, rounding reaches far.
+//
 // A region that reaches less than kSide beyond a hyperplane counts as on one side of it, and
 // rounding may send a point that near a hyperplane either way: there the value is of the
 // neighbouring cell, wrong by no more than kSide times both slopes (`edge_error`).
@@ -33,10 +36,15 @@ struct EvaluatorOptions {
 struct EvaluatorCertificate {
   bool proved = false;
   std::string failure;      ///< one sentence; empty if proved
-  double law_error = 0.0;   ///< proved bound, a power of ten from the tolerance up, of the range
+  double law_error = 0.0;   ///< proved bound but for slivers, tolerance times a power of ten
   double edge_error = 0.0;  ///< added within kSide of a hyperplane
   long cells = 0;           ///< pairs of a region and a leaf it reaches
   long wrong_cells = 0;     ///< of these, in error by more than the tolerance
+  /// Cells in error by more than the tolerance only at points that hold no ball of radius 1e-7,
+  /// mostly where the list of regions leaves out flat ones: how many, bound, and largest ball.
+  long slivers = 0;
+  double sliver_error = 0.0, sliver_radius = 0.0;
+  long decided_again = 0;  ///< questions that doubles left open, decided in extended precision
   long lps = 0;
 };
 

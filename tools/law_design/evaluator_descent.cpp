@@ -1,6 +1,7 @@
 #include "law_design/evaluator_descent.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <utility>
@@ -10,17 +11,6 @@ namespace {
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
-AffineForm difference(const AffineForm& a, const AffineForm& b) {
-  AffineForm result{};
-  for (std::size_t c = 0; c < result.size(); ++c) result[c] = a[c] - b[c];
-  return result;
-}
-
-AffineForm shifted(AffineForm form, int np, double constant) {
-  form[index(np)] += constant;
-  return form;
-}
-
 AffineForm negative(AffineForm form) {
   for (double& c : form) c = -c;
   return form;
@@ -28,21 +18,79 @@ AffineForm negative(AffineForm form) {
 
 }  // namespace
 
-EvaluatorDescent::EvaluatorDescent(const service::LawTables& tables, const LawInTables& law,
+DoubleArena::DoubleArena(int dimension)
+    : program(dimension), ball(dimension + 1), cell(dimension), rows(dimension) {
+  ball.set_bounds(dimension, -4.0, 2.0);
+}
+
+double DoubleArena::radius(const Form& form, double limit) {
+  const int n = rows.dimension();
+  HalfSpaces lifted(n + 1);
+  std::array<double, kMaxDimension + 1> a{};
+  const auto lift = [&](double offset) {
+    double norm = 0.0;
+    for (int j = 0; j < n; ++j) norm += a[index(j)] * a[index(j)];
+    norm = std::sqrt(norm);
+    if (norm == 0.0) return;
+    for (int j = 0; j < n; ++j) a[index(j)] /= norm;
+    a[index(n)] = 1.0;
+    lifted.append(a.data(), offset / norm);
+  };
+  const HalfSpaces* parts[] = {facets, &cell, &rows};
+  for (const HalfSpaces* part : parts) {
+    for (int i = 0; i < part->size(); ++i) {
+      part->copy_normal(i, a.data());
+      lift(part->offset(i));
+    }
+  }
+  for (int j = 0; j < n; ++j) a[index(j)] = -form[index(j)];
+  lift(form[index(n)] - limit);
+  a.fill(0.0);
+  a[index(n)] = 1.0;
+  const LpResult result = ball.maximise(a.data(), lifted);
+  if (result.status == LpStatus::kInfeasible) return 0.0;
+  return result.status == LpStatus::kOptimal ? std::max(result.value, 0.0) : 1.0;
+}
+
+void DoubleArena::add(const Form& form) {
+  Point normal{};
+  const int n = rows.dimension();
+  for (int j = 0; j < n; ++j) normal[index(j)] = -form[index(j)];
+  rows.append(normal.data(), form[index(n)]);
+}
+
+bool DoubleArena::below(const Form& form, double limit) {
+  const HalfSpaces* parts[] = {facets, &cell, &rows};
+  const double cutoff = limit - form[index(rows.dimension())];
+  const LpResult result = program.maximise(form.data(), parts, cutoff);
+  return result.status == LpStatus::kBelowCutoff || result.status == LpStatus::kInfeasible ||
+         (result.status == LpStatus::kOptimal && result.value <= cutoff);
+}
+
+bool ExtendedArena::below(const Form& form, long double limit) {
+  std::vector<const ExtendedForm*> all;
+  for (const auto* part : {&facets, &cell, &rows}) {
+    for (const ExtendedForm& row : *part) all.push_back(&row);
+  }
+  return program.below(all, form, limit);
+}
+
+EvaluatorDescent::EvaluatorDescent(const CertificateProblem& problem,
+                                   const service::LawTables& tables, const LawInTables& law,
                                    double tolerance)
     : tables_(tables),
       law_(law),
       tolerance_(tolerance),
       np_(tables.n_parameters),
-      program_(tables.n_parameters),
-      cell_(tables.n_parameters),
-      extra_(tables.n_parameters),
+      certifier_(problem),
+      arena_(tables.n_parameters),
+      extended_(tables.n_parameters),
       mirrored_(tables.n_parameters) {}
 
 // max form·(q, 1) over the cell, from above.
 double EvaluatorDescent::support(const AffineForm& form) {
-  const HalfSpaces* parts[] = {facets_, &cell_};
-  const LpResult result = program_.maximise(form.data(), parts);
+  const HalfSpaces* parts[] = {facets_, &arena_.cell};
+  const LpResult result = arena_.program.maximise(form.data(), parts);
   return result.value + form[index(np_)];
 }
 
@@ -67,7 +115,7 @@ unsigned EvaluatorDescent::sides(const double* normal, double offset, std::vecto
     least += std::min(a, b);
     most += std::max(a, b);
   }
-  const HalfSpaces* parts[] = {facets_, &cell_};
+  const HalfSpaces* parts[] = {facets_, &arena_.cell};
   Point c{};
   for (const unsigned side : {1U, 2U}) {
     if ((sure & side) != 0U) continue;
@@ -75,12 +123,12 @@ unsigned EvaluatorDescent::sides(const double* normal, double offset, std::vecto
     if ((side == 1U ? -least : most) <= kSide) continue;
     for (int j = 0; j < np_; ++j) c[index(j)] = sign * normal[j];
     const double limit = sign * offset + kSide;
-    const LpResult reach = program_.maximise(c.data(), parts, limit);
+    const LpResult reach = arena_.program.maximise(c.data(), parts, limit);
     if (reach.status == LpStatus::kBelowCutoff || reach.status == LpStatus::kInfeasible) continue;
     if (reach.status == LpStatus::kOptimal) {
       if (reach.value <= limit) continue;
       Point q{};
-      std::copy_n(program_.point(), np_, q.begin());
+      std::copy_n(arena_.program.point(), np_, q.begin());
       points.push_back(q);
     }
     sure |= side;
@@ -109,9 +157,15 @@ void EvaluatorDescent::split(int plane, const std::vector<Point>& points, const 
       for (int j = 0; j < np_; ++j) v += side[index(j)] * q[index(j)];
       if (v <= 0.0) kept.push_back(q);
     }
-    cell_.append(side.data(), above ? -offset : offset);
+    arena_.cell.append(side.data(), above ? -offset : offset);
+    ExtendedForm beyond = law_.extended_planes[index(plane)];
+    if (!above) {
+      for (long double& c : beyond) c = -c;
+    }
+    extended_cell_.push_back(beyond);
     go(above, std::move(kept));
-    cell_.pop();
+    arena_.cell.pop();
+    extended_cell_.pop_back();
   }
 }
 
@@ -166,123 +220,70 @@ void EvaluatorDescent::enter_flat(std::uint64_t known, std::uint64_t above,
   result_.error = 1.0;
 }
 
-bool EvaluatorDescent::same_law(int piece, double tolerance) const {
-  const AffineForm d = difference(law_.pieces[index(piece)], output_);
-  double sum = 0.0;
-  for (int c = 0; c <= np_; ++c) sum += std::abs(d[index(c)]);
-  return sum <= tolerance;
-}
-
-bool EvaluatorDescent::require_form(const AffineForm& form) {
-  double norm = 0.0;
-  double reach = form[index(np_)];
-  for (int j = 0; j < np_; ++j) {
-    norm += form[index(j)] * form[index(j)];
-    reach += std::abs(form[index(j)]);
-  }
-  if (reach < 0.0) return false;
-  norm = std::sqrt(norm);
-  if (norm < 1e-14) return true;  // true on the whole box, to rounding
-  Point normal{};
-  for (int j = 0; j < np_; ++j) normal[index(j)] = -form[index(j)] / norm;
-  extra_.append(normal.data(), form[index(np_)] / norm);
-  return true;
-}
-
-bool EvaluatorDescent::no_point(const AffineForm& objective, double cutoff) {
-  const HalfSpaces* parts[] = {facets_, &cell_, &extra_};
-  const double limit = cutoff - objective[index(np_)];
-  const LpResult result = program_.maximise(objective.data(), parts, limit);
-  return result.status == LpStatus::kBelowCutoff || result.status == LpStatus::kInfeasible ||
-         (result.status == LpStatus::kOptimal && result.value <= limit);
-}
-
-// A point where every piece of the term exceeds the clipped law may exist.
-bool EvaluatorDescent::too_high(int term, double tolerance) {
-  const std::int32_t first = tables_.term_first[index(term)];
-  const std::int32_t last = tables_.term_first[index(term + 1)];
-  for (std::int32_t i = first; i < last; ++i) {
-    if (same_law(tables_.term_pieces[index(i)], tolerance)) return false;
-  }
-  extra_.clear();
-  AffineForm constant{};
-  constant[index(np_)] = 1.0 - tolerance;
-  if (!require_form(difference(constant, output_))) return false;
-  for (std::int32_t i = first; i < last; ++i) {
-    const AffineForm& piece = law_.pieces[index(tables_.term_pieces[index(i)])];
-    if (!require_form(shifted(piece, np_, -tolerance))) return false;
-    if (i > first && !require_form(shifted(difference(piece, output_), np_, -tolerance))) {
-      return false;
+// Rows and law of the region, and the cell, in extended precision.
+void EvaluatorDescent::load_extended() {
+  if (extended_loaded_) return;
+  extended_loaded_ = true;
+  CertifiedRegion solved;
+  certifier_.solve(region_->independent, solved);
+  const ExtendedMatrix& forms = certifier_.forms();
+  const std::size_t np = index(np_);
+  const long double sign = mirrored_half_ ? -1.0L : 1.0L;
+  // Every condition, not the facets alone: what leaving one out adds may reach far in a corner.
+  extended_.facets.clear();
+  for (Eigen::Index row = 0; row < forms.rows(); ++row) {
+    ExtendedForm form{};
+    long double norm = 0.0L;
+    long double reach = 0.0L;
+    for (std::size_t c = 0; c <= np; ++c) {
+      form[c] = forms(row, static_cast<Eigen::Index>(c)) * (c < np ? sign : 1.0L);
+      if (c == np) continue;
+      norm += form[c] * form[c];
+      reach += std::abs(form[c]);
     }
+    if (form[np] >= reach) continue;  // nowhere in the box less than 0
+    norm = std::sqrt(norm);
+    if (norm <= 1e-15L * std::abs(form[np])) continue;
+    for (long double& c : form) c /= norm;
+    extended_.facets.push_back(form);
   }
-  const AffineForm& piece = law_.pieces[index(tables_.term_pieces[index(first)])];
-  return !no_point(difference(piece, output_), tolerance);
-}
-
-// A point where every term from `at` on has a piece below the clipped law may exist.
-bool EvaluatorDescent::too_low(std::vector<int>& terms, std::size_t at, double tolerance) {
-  const int term = terms[at];
-  const std::int32_t first = tables_.term_first[index(term)];
-  const std::int32_t last = tables_.term_first[index(term + 1)];
-  for (std::int32_t i = first; i < last; ++i) {
-    const AffineForm& piece = law_.pieces[index(tables_.term_pieces[index(i)])];
-    const int rows = extra_.size();
-    bool possible = require_form(shifted(negative(piece), np_, 1.0 - tolerance));
-    if (possible) {
-      const AffineForm below = difference(output_, piece);
-      possible = !no_point(below, tolerance);
-      if (possible && at + 1 < terms.size()) {
-        possible =
-            require_form(shifted(below, np_, -tolerance)) && too_low(terms, at + 1, tolerance);
-      }
-    }
-    while (extra_.size() > rows) extra_.pop();
-    if (possible) return true;
+  for (std::size_t c = 0; c <= np; ++c) {
+    extended_output_[c] = certifier_.output()[c] * (c < np ? 1.0L : sign);
   }
-  return false;
+  if (mirrored_half_) extended_output_[np] += 1.0L;
 }
 
 bool EvaluatorDescent::leaf_is_right(int leaf, double tolerance) {
-  const int first = tables_.leaf_first[index(leaf)];
-  const int last = tables_.leaf_first[index(leaf + 1)];
-  if (output_low_ < 1.0 - tolerance) {
-    for (int term = first; term < last; ++term) {
-      if (too_high(term, tolerance)) return false;
-    }
+  arena_.facets = facets_;
+  if (LeafProof<DoubleArena>(tables_, law_.pieces, arena_)
+          .prove(leaf, output_, output_low_, output_high_, tolerance)) {
+    return true;
   }
-  if (output_high_ <= tolerance) return true;
-  // Terms that may be enough alone come first: with one that nowhere falls below, all is said.
-  std::vector<int> terms;
-  for (int term = first; term < last; ++term) {
-    bool own = true;
-    for (std::int32_t i = tables_.term_first[index(term)]; i < tables_.term_first[index(term + 1)];
-         ++i) {
-      own = own && same_law(tables_.term_pieces[index(i)], tolerance);
-    }
-    if (own) return true;
-    terms.push_back(term);
-  }
-  extra_.clear();
-  if (!require_form(shifted(output_, np_, -tolerance))) return true;
-  if (terms.size() > 1) {
-    for (const int term : terms) {
-      if (tables_.term_first[index(term + 1)] - tables_.term_first[index(term)] < 2) continue;
-      std::vector<int> alone{term};
-      if (!too_low(alone, 0, tolerance)) return true;
-    }
-  }
-  return !too_low(terms, 0, tolerance);
+  ++result_.decided_again;
+  load_extended();
+  extended_.cell = extended_cell_;
+  return LeafProof<ExtendedArena>(tables_, law_.extended_pieces, extended_)
+      .prove(leaf, extended_output_, output_low_, output_high_, tolerance);
 }
 
 void EvaluatorDescent::reach(int leaf) {
   ++result_.cells;
   double error = tolerance_;
   while (error < 1.0 && !leaf_is_right(leaf, error)) error *= 10.0;
-  result_.error = std::max(result_.error, std::min(error, 1.0));
+  error = std::min(error, 1.0);
   if (error > tolerance_) {
+    const double radius = LeafProof<DoubleArena>(tables_, law_.pieces, arena_)
+                              .wrong_radius(leaf, output_, output_low_, output_high_, tolerance_);
+    if (radius <= kSliver && error <= kSliverError) {
+      ++result_.slivers;
+      result_.sliver_error = std::max(result_.sliver_error, error);
+      result_.sliver_radius = std::max(result_.sliver_radius, radius);
+      return;
+    }
     ++result_.wrong_cells;
     if (result_.wrong_leaf < 0) result_.wrong_leaf = leaf;
   }
+  result_.error = std::max(result_.error, error);
 }
 
 void EvaluatorDescent::start(const HalfSpaces& facets, const AffineForm& output) {
@@ -293,15 +294,15 @@ void EvaluatorDescent::start(const HalfSpaces& facets, const AffineForm& output)
   for (int j = 0; j < np_; ++j) {
     for (const double sign : {1.0, -1.0}) {
       axis[index(j)] = sign;
-      const HalfSpaces* parts[] = {facets_, &cell_};
-      const LpResult edge = program_.maximise(axis.data(), parts);
+      const HalfSpaces* parts[] = {facets_, &arena_.cell};
+      const LpResult edge = arena_.program.maximise(axis.data(), parts);
       if (edge.status == LpStatus::kInfeasible) return;  // nothing of it on this side of the fold
       const bool known = edge.status == LpStatus::kOptimal;
       (sign > 0.0 ? upper_ : lower_)[index(j)] =
           known ? std::clamp(sign * edge.value, -1.0, 1.0) : sign;
       if (known) {
         Point q{};
-        std::copy_n(program_.point(), np_, q.begin());
+        std::copy_n(arena_.program.point(), np_, q.begin());
         points.push_back(q);
       }
     }
@@ -318,7 +319,11 @@ void EvaluatorDescent::start(const HalfSpaces& facets, const AffineForm& output)
 
 EvaluatorDescent::Result EvaluatorDescent::check(const CertifiedRegion& region) {
   result_ = Result{};
-  cell_.clear();
+  arena_.cell.clear();
+  extended_cell_.clear();
+  region_ = &region;
+  mirrored_half_ = false;
+  extended_loaded_ = false;
   const HalfSpaces& facets = region.polytope.facets;
   if (!law_.folded) {
     start(facets, region.output);
@@ -326,7 +331,10 @@ EvaluatorDescent::Result EvaluatorDescent::check(const CertifiedRegion& region) 
   }
   Point side{};
   for (int j = 0; j < np_; ++j) side[index(j)] = -law_.fold[index(j)];
-  cell_.append(side.data(), 0.0);
+  arena_.cell.append(side.data(), 0.0);
+  ExtendedForm half{};
+  for (int j = 0; j < np_; ++j) half[index(j)] = law_.fold[index(j)];
+  extended_cell_.push_back(half);
   start(facets, region.output);
   // The other half is evaluated at −q and negated: −R with the law 1 − y(−q).
   mirrored_.clear();
@@ -337,6 +345,8 @@ EvaluatorDescent::Result EvaluatorDescent::check(const CertifiedRegion& region) 
   }
   AffineForm output = region.output;
   output[index(np_)] = 1.0 - output[index(np_)];
+  mirrored_half_ = true;
+  extended_loaded_ = false;
   start(mirrored_, output);
   return result_;
 }

@@ -4,30 +4,70 @@
 
 #include <vector>
 
+#include "law_design/certificate_problem.hpp"
+#include "law_design/extended_program.hpp"
 #include "law_design/law_in_tables.hpp"
+#include "law_design/leaf_proof.hpp"
 #include "law_design/linear_program.hpp"
 #include "law_design/region_certificate.hpp"
 #include "service/law_tables.hpp"
 
 namespace eampc::law_design {
 
+/// P = facets ∩ cell, and rows added to it, in doubles. See leaf_proof.hpp.
+struct DoubleArena {
+  using Form = AffineForm;
+  explicit DoubleArena(int dimension);
+  int size() const { return rows.size(); }
+  void cut(int size) {
+    while (rows.size() > size) rows.pop();
+  }
+  void add(const Form& form);
+  bool below(const Form& form, double limit);
+  double radius(const Form& form, double limit);
+
+  LinearProgram program, ball;
+  const HalfSpaces* facets = nullptr;
+  HalfSpaces cell, rows;
+};
+
+/// The same in extended precision.
+struct ExtendedArena {
+  using Form = ExtendedForm;
+  explicit ExtendedArena(int dimension) : program(dimension) {}
+  int size() const { return static_cast<int>(rows.size()); }
+  void cut(int size) { rows.resize(static_cast<std::size_t>(size)); }
+  void add(const Form& form) { rows.push_back(form); }
+  bool below(const Form& form, long double limit);
+
+  ExtendedProgram program;
+  std::vector<ExtendedForm> facets, cell, rows;
+};
+
 class EvaluatorDescent {
  public:
   /// A region that reaches less than this beyond a hyperplane is on one side of it.
   static constexpr double kSide = 2e-11;
+  /// Where the points in error hold no ball of this radius, the error may be kSliverError.
+  static constexpr double kSliver = 1e-7;
+  static constexpr double kSliverError = 1e-2;
 
-  EvaluatorDescent(const service::LawTables& tables, const LawInTables& law, double tolerance);
+  EvaluatorDescent(const CertificateProblem& problem, const service::LawTables& tables,
+                   const LawInTables& law, double tolerance);
 
   struct Result {
     long cells = 0;
     long wrong_cells = 0;
-    double error = 0.0;  ///< proved bound; 1 if the value may be anything
+    long decided_again = 0;  ///< questions that needed extended precision
+    double error = 0.0;      ///< proved bound; 1 if the value may be anything
+    long slivers = 0;        ///< cells whose points in error hold no ball of radius kSliver,
+    double sliver_error = 0.0, sliver_radius = 0.0;  ///< … their bound, and the ball
     bool unmatched = false;
     int wrong_leaf = -1;
   };
   Result check(const CertifiedRegion& region);
 
-  long lp_count() const { return program_.count(); }
+  long lp_count() const { return arena_.program.count(); }
 
  private:
   void start(const HalfSpaces& facets, const AffineForm& output);
@@ -40,22 +80,23 @@ class EvaluatorDescent {
   template <typename Go>
   void split(int plane, const std::vector<Point>& points, const Go& go);
   bool leaf_is_right(int leaf, double tolerance);
-  bool too_high(int term, double tolerance);
-  bool too_low(std::vector<int>& terms, std::size_t at, double tolerance);
-  bool same_law(int piece, double tolerance) const;
-  /// True if no point of the cell satisfies the extra rows as well.
-  bool no_point(const AffineForm& objective, double cutoff);
-  /// Adds form·(q, 1) ≥ 0 to the extra rows; false if no point of the box satisfies it.
-  bool require_form(const AffineForm& form);
+  void load_extended();
   double support(const AffineForm& form);
 
   const service::LawTables& tables_;
   const LawInTables& law_;
   double tolerance_;
   int np_;
-  LinearProgram program_;
+  RegionCertifier certifier_;
+  DoubleArena arena_;
+  ExtendedArena extended_;
+  std::vector<ExtendedForm> extended_cell_;
+  ExtendedForm extended_output_{};
+  bool extended_loaded_ = false;
+  const CertifiedRegion* region_ = nullptr;
+  bool mirrored_half_ = false;
   const HalfSpaces* facets_ = nullptr;
-  HalfSpaces cell_, extra_, mirrored_;
+  HalfSpaces mirrored_;
   AffineForm output_{};
   double output_low_ = 0.0, output_high_ = 0.0;  // of the region's law, not clipped
   Point lower_{}, upper_{};

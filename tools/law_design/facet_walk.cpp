@@ -68,16 +68,11 @@ std::size_t ActiveSetHash::operator()(const std::vector<int>& active) const {
 
 FacetWalk::FacetWalk(const CertificateProblem& problem, const std::vector<CertifiedRegion>& regions,
                      const ActiveSetIndex& known)
-    : problem_(problem),
-      regions_(regions),
-      index_(known),
-      radius_(problem.parameters),
-      height_(problem.parameters) {
+    : problem_(problem), regions_(regions), index_(known), radius_(problem.parameters) {
   radius_.set_bounds(problem.parameters - 1, -4.0, 2.0);
-  height_.set_bounds(problem.parameters - 1, 0.0, 4.0);
 }
 
-long FacetWalk::lp_count() const { return radius_.count() + height_.count(); }
+long FacetWalk::lp_count() const { return radius_.count(); }
 
 RegionCertifier& FacetWalk::certifier(int depth) {
   while (std::ssize(certifiers_) <= depth) {
@@ -132,44 +127,6 @@ double FacetWalk::piece_radius(const Piece& piece) {
   const LpResult ball = radius_.maximise(a.data(), rows);
   if (ball.status == LpStatus::kInfeasible) return -1.0;
   return ball.status == LpStatus::kOptimal ? ball.value : 1.0;  // not decided: not thin
-}
-
-// Longest way along the facet's normal from a point of the piece to the first condition.
-double FacetWalk::gap_thickness(const Piece& piece, const ExtendedMatrix& forms) {
-  const int np = problem_.parameters;
-  HalfSpaces rows(np);
-  Point a{};
-  for (int i = 0; i < piece.rows.size(); ++i) {
-    a.fill(0.0);
-    piece.rows.copy_normal(i, a.data());
-    rows.append(a.data(), piece.rows.offset(i));
-  }
-  const int out = plane_.eliminated;
-  for (Index k = 0; k < forms.rows(); ++k) {
-    long double rise = 0.0L;
-    for (int j = 0; j < np; ++j) rise += forms(k, j) * plane_.normal[index(j)];
-    const long double factor = forms(k, out) / plane_.normal[index(out)];
-    long double norm = rise * rise;
-    a.fill(0.0);
-    for (int j = 0, at = 0; j < np; ++j) {
-      if (j == out) continue;
-      const long double slope = -(forms(k, j) - factor * plane_.normal[index(j)]);
-      norm += slope * slope;
-      a[index(at++)] = static_cast<double>(slope);
-    }
-    a[index(np - 1)] = static_cast<double>(-rise);
-    norm = std::sqrt(norm);
-    if (norm == 0.0L) continue;
-    for (double& x : a) x = static_cast<double>(x / norm);
-    const long double b = forms(k, np) + factor * plane_.offset;
-    // At the foot the condition holds; what it misses there is rounding.
-    rows.append(a.data(), std::max(static_cast<double>(b / norm), -1.0));
-  }
-  a.fill(0.0);
-  a[index(np - 1)] = 1.0;
-  const LpResult height = height_.maximise(a.data(), rows);
-  if (height.status == LpStatus::kInfeasible) return 0.0;
-  return height.status == LpStatus::kOptimal ? height.value : 4.0;
 }
 
 void FacetWalk::compare(const CertifiedRegion& from, const CertifiedRegion& to,
@@ -255,16 +212,17 @@ void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<
     return;
   }
   const ExtendedMatrix forms = here.forms();
-  const double thickness = gap_thickness(piece, forms);
-  if (thickness > kThickest || depth > kDeepest) {
+  here.certify(active, 1.0, gap);
+  if (gap.polytope.radius > kThickest || depth > kDeepest) {
     char text[80];
-    std::snprintf(text, sizeof text, "a hole at least %.2g thick (of the half box) lies ",
-                  thickness);
+    std::snprintf(text, sizeof text,
+                  "a hole that holds a ball of radius %.2g (of the half box) lies ",
+                  gap.polytope.radius);
     result.failure =
         text + where + ": the region of the active set " + names(active) + " is not in the list";
     return;
   }
-  result.thickness = std::max(result.thickness, thickness);
+  result.gap_radius = std::max(result.gap_radius, gap.polytope.radius);
   // Heights t_k(x) = r_k(x)/fall at which the conditions vanish above the piece.
   const int np = problem_.parameters;
   std::vector<int> exits;

@@ -8,8 +8,8 @@
 // of multipliers; so their conditions coincide there up to rows that imply each other, which is
 // checked by comparing coefficients. An active set that is not in the list is a gap. It is crossed
 // along the facet's normal: each point of the facet leaves it by the condition that vanishes first,
-// so the facet falls into pieces, each with a next active set. A gap thicker than kThickest is a
-// hole.
+// so the facet falls into pieces, each with a next active set. A gap that holds a ball of radius
+// kThickest is a hole.
 #pragma once
 
 #include <memory>
@@ -35,14 +35,14 @@ struct FacetWalkResult {
   double plane_mismatch = 0.0;  ///< of unit planes that should be the same
   double law_mismatch = 0.0;    ///< of z and λ in the plane, of their size
   double jump = 0.0;            ///< of the output in the plane, of its range
-  double thickness = 0.0;       ///< of the gaps crossed
+  double gap_radius = 0.0;      ///< of the largest ball in a gap crossed
   long slivers = 0;  ///< pieces of facets left out: no ball of radius kSliver in the plane
   std::vector<CertifiedRegion> gaps;
 };
 
 class FacetWalk {
  public:
-  static constexpr double kThickest = 1e-6;
+  static constexpr double kThickest = 1e-7;
   static constexpr double kSliver = 1e-9;
   /// Planes and laws of two regions that meet must agree to this.
   static constexpr double kAgreement = 1e-6;
@@ -56,7 +56,7 @@ class FacetWalk {
   long lp_count() const;
 
  private:
-  /// A polytope in the facet's plane, one coordinate eliminated, and the height above it.
+  /// A polytope in the facet's plane, one coordinate eliminated.
   struct Piece {
     HalfSpaces rows{0};  // over np−1 coordinates, unit
     bool empty = false;
@@ -68,7 +68,6 @@ class FacetWalk {
   };
   void append(Piece& piece, const long double* form) const;
   double piece_radius(const Piece& piece);
-  double gap_thickness(const Piece& piece, const ExtendedMatrix& forms);
   void leave(const CertifiedRegion& from, int depth, int row, const Piece& piece,
              FacetWalkResult& result);
   void enter(const CertifiedRegion& from, int depth, const std::vector<int>& active, int entering,
@@ -84,7 +83,7 @@ class FacetWalk {
   int solved_ = -1;  // region whose conditions certifier(0) holds
   CertifiedRegion first_;
   std::vector<std::unique_ptr<RegionCertifier>> certifiers_;
-  LinearProgram radius_, height_;
+  LinearProgram radius_;
   Plane plane_;
 };
 

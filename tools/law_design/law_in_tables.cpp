@@ -66,40 +66,49 @@ LawInTables law_in_tables(const LawTables& tables, const CertificateProblem& pro
                           const OutputLaw& output) {
   const std::size_t np = static_cast<std::size_t>(problem.parameters);
   check(tables, np);
-  const auto scaled = [&](const double* gain, double offset, AffineForm& form) {
-    long double constant = offset;
+  const auto scaled = [&](const double* gain, long double constant) {
+    ExtendedForm form{};
+    form[np] = constant;
     for (std::size_t j = 0; j < np; ++j) {
       const Eigen::Index c = static_cast<Eigen::Index>(j);
-      form[j] = gain[j] * problem.half_width(c);
-      constant += static_cast<long double>(gain[j]) * problem.centre(c);
+      form[j] = static_cast<long double>(gain[j]) * problem.half_width(c);
+      form[np] += static_cast<long double>(gain[j]) * problem.centre(c);
     }
-    form[np] = static_cast<double>(constant);
+    return form;
+  };
+  const auto slope = [np](const ExtendedForm& form) {
+    long double sum = 0.0L;
+    for (std::size_t j = 0; j < np; ++j) sum += form[j] * form[j];
+    return std::sqrt(sum);
+  };
+  const auto rounded = [](const ExtendedForm& form) {
+    AffineForm result{};
+    for (std::size_t c = 0; c < form.size(); ++c) result[c] = static_cast<double>(form[c]);
+    return result;
   };
   LawInTables law;
   law.planes = HalfSpaces(problem.parameters);
   for (std::size_t i = 0; i < tables.hyperplanes.size(); i += np + 1) {
-    AffineForm form{};
-    scaled(&tables.hyperplanes[i], -tables.hyperplanes[i + np], form);
-    double norm = 0.0;
-    for (std::size_t j = 0; j < np; ++j) norm += form[j] * form[j];
-    norm = std::sqrt(norm);
-    require(norm > 0.0 && std::isfinite(norm) && std::isfinite(form[np]),
+    ExtendedForm form = scaled(&tables.hyperplanes[i], -tables.hyperplanes[i + np]);
+    const long double norm = slope(form);
+    require(norm > 0.0L && std::isfinite(norm) && std::isfinite(form[np]),
             "certificate: a hyperplane of the evaluator is no hyperplane");
-    for (std::size_t j = 0; j < np; ++j) form[j] /= norm;
-    law.planes.append(form.data(), -form[np] / norm);
+    for (long double& c : form) c /= norm;
+    const AffineForm plane = rounded(form);
+    law.planes.append(plane.data(), -plane[np]);
+    law.extended_planes.push_back(form);
   }
   const double range = output.y_max - output.y_min;
   for (std::size_t k = 0; k < tables.piece_offset.size(); ++k) {
-    AffineForm form{};
-    scaled(&tables.piece_gain[k * np], tables.piece_offset[k] - output.y_min, form);
-    double steep = 0.0;
-    for (std::size_t j = 0; j <= np; ++j) {
-      form[j] /= range;
-      require(std::isfinite(form[j]), "certificate: a piece holds a number that is not finite");
-      if (j < np) steep += form[j] * form[j];
+    ExtendedForm form = scaled(&tables.piece_gain[k * np],
+                               static_cast<long double>(tables.piece_offset[k]) - output.y_min);
+    for (long double& c : form) {
+      c /= range;
+      require(std::isfinite(c), "certificate: a piece holds a number that is not finite");
     }
-    law.steepest_piece = std::max(law.steepest_piece, std::sqrt(steep));
-    law.pieces.push_back(form);
+    law.steepest_piece = std::max(law.steepest_piece, static_cast<double>(slope(form)));
+    law.pieces.push_back(rounded(form));
+    law.extended_pieces.push_back(form);
   }
   double norm = 0.0;
   for (std::size_t j = 0; j < np; ++j) {

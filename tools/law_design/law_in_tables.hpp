@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "law_design/certificate_problem.hpp"
+#include "law_design/extended_program.hpp"
 #include "law_design/half_spaces.hpp"
 #include "law_design/region_certificate.hpp"
 #include "service/law_tables.hpp"
@@ -13,7 +14,9 @@ namespace eampc::law_design {
 
 struct LawInTables {
   HalfSpaces planes{0};
+  std::vector<ExtendedForm> extended_planes;  ///< form·(q, 1) ≥ 0 is above
   std::vector<AffineForm> pieces;
+  std::vector<ExtendedForm> extended_pieces;
   bool folded = false;
   AffineForm fold{};            ///< unit, without constant
   double steepest_piece = 0.0;  ///< largest |gain| of a piece

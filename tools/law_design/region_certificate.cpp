@@ -28,6 +28,7 @@ RegionCertifier::RegionCertifier(const CertificateProblem& problem)
       r_(problem.variables, problem.variables),
       forms_(problem.rows, problem.parameters + 1),
       scales_(index(problem.rows)),
+      output_(index(problem.parameters + 1)),
       rows_(problem.parameters) {}
 
 bool RegionCertifier::append(int row) {
@@ -182,6 +183,7 @@ bool RegionCertifier::solve(const std::vector<int>& active, CertifiedRegion& reg
   for (Index c = 0; c <= np; ++c) {
     long double sum = problem_.Y(0, c);
     for (Index j = 0; j < n; ++j) sum += problem_.Y_U(0, j) * U(j, c);
+    output_[index(c)] = sum;
     region.output[index(c)] = static_cast<double>(sum);
   }
   return true;

@@ -46,6 +46,8 @@ class RegionCertifier {
   /// After solve(): row i's condition as forms().row(i)·(q, 1) ≥ 0, which is the multiplier for
   /// the independent rows and the slack for the others.
   const ExtendedMatrix& forms() const { return forms_; }
+  /// After solve(): y as np + 1 coefficients.
+  const std::vector<long double>& output() const { return output_; }
   /// Coefficients of M_row in the independent rows after solve(); true if it depends on them.
   bool depends(int row, std::vector<double>* coefficients) const;
   /// The slack of a row under a region's z.
@@ -61,7 +63,7 @@ class RegionCertifier {
   ExtendedMatrix q_, r_;  // rows of q_: orthonormal basis of the active rows; M_𝒜ᵀ = q_ᵀ r_
   int size_ = 0;
   ExtendedMatrix forms_;
-  std::vector<long double> scales_;
+  std::vector<long double> scales_, output_;
   HalfSpaces rows_;
   std::vector<int> labels_;
 };
