@@ -130,6 +130,12 @@ def test_min_max_keeps_its_bounds_in_the_loop(settled: CaseResult) -> None:
     assert np.abs(curve.control).max() > 0.99 * rig.control_max
 
 
+def test_another_solver_decides_the_same_in_every_step(settled: CaseResult) -> None:
+    assert settled.active_set is not None
+    assert settled.active_set.largest_difference < 1e-3 * settled.problem.control_max
+    assert settled.active_set.mean_s > 0.0
+
+
 def test_tables_ratio_is_the_papers(settled: CaseResult) -> None:
     """By hand: 161.57 / 6.58 = 24.55, 159.17 / 6.57 = 24.23."""
     rows = {row[0]: row for row in time_table(settled).rows}

@@ -59,7 +59,7 @@ class MinMaxStep:
     slack: float  # relative violation of the state bounds, 0 where they can be kept
     worst: Worst  # the dearest vertex for these moves
     epigraph: float  # t: the worst excess as the solver sees it
-    vertices: int  # rows of the epigraph
+    vertices: Array  # (k, N), the rows of the epigraph
     solutions: int  # quadratic programs solved
     solver_s: float  # processor time inside Clarabel
 
@@ -106,7 +106,7 @@ class MinMaxControl:
             slack=slack,
             worst=worst,
             epigraph=epigraph,
-            vertices=len(vertices),
+            vertices=np.array(vertices).reshape(-1, self.problem.horizon),
             solutions=solutions,
             solver_s=solver_s,
         )

@@ -165,7 +165,8 @@ def _input_figure(result: CaseResult, lines: Sequence[_Line], title: str) -> Fig
     # The lines end near or below zero: what is above is free.
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, 0.9), frameon=False, fontsize=9)
     if result.seconds >= _INSETS_FROM_S:
-        inset = axes.inset_axes((0.14, 0.48, 0.44, 0.34))
+        ends_low = lines[0].curve.control[-1] < -0.1 * limit
+        inset = axes.inset_axes((0.14, 0.48, 0.44, 0.34) if ends_low else (0.14, 0.16, 0.44, 0.24))
         for line in lines:
             early = line.curve.time_s <= _START_TO_S
             inset.step(

@@ -17,7 +17,8 @@ from eampc import _core
 from eampc.errors import UserError
 from eampc.law import Law
 from eampc.law_design import design
-from eampc.reproduce.min_max_control import MinMaxControl
+from eampc.reproduce.active_set_peer import PeerTimes, active_set_times
+from eampc.reproduce.min_max_control import MinMaxControl, MinMaxStep
 from eampc.reproduce.min_max_problem import MinMaxProblem
 from eampc.reproduce.paper_cases import PaperCase
 from eampc.simulation import simulate, simulated_plant
@@ -107,6 +108,7 @@ class CaseResult:
     printed_times: tuple[EampcTimes, ...]
     tracking_times: tuple[EampcTimes, ...]
     min_max_times: tuple[MinMaxTimes, ...]
+    active_set: PeerTimes | None  # the programs of the last run by another solver
     printed_pieces: int
     tracking_pieces: int
     min_max_vertices: int  # most rows of the epigraph in one step
@@ -172,10 +174,11 @@ def run_case(
         printed_times=tuple(printed_times),
         tracking_times=tuple(tracking_times),
         min_max_times=tuple(loop.times for loop in loops),
+        active_set=loops[-1].by_active_set(),
         printed_pieces=len(printed_law.pieces[1]),
         tracking_pieces=len(tracking_law.pieces[1]),
-        min_max_vertices=loops[-1].most_vertices,
-        min_max_slack=loops[-1].largest_slack,
+        min_max_vertices=max(len(step.vertices) for step in loops[-1].decisions),
+        min_max_slack=max(step.slack for step in loops[-1].decisions),
         final_error_limits_rad=(_error_limit_rad(printed), _error_limit_rad(tracking)),
     )
 
@@ -235,13 +238,13 @@ class _MinMaxLoop:
         self._joint = _core.JointOnBus(law.checked, simulated_plant(rig), _disturbance(rig))
         self._problem = problem
         self._steps = round(seconds / rig.control.period_s)
-        self.most_vertices = 0
-        self.largest_slack = 0.0
+        self.decisions: list[MinMaxStep] = []
+        self._measured: list[Array] = []
 
     def run(self, report: Callable[[int, int], None]) -> None:
         control = MinMaxControl(self._problem)
         joint, valve = self._joint, self._rig.valve
-        rows, step_s, solver_s, solutions = [], np.zeros(self._steps), 0.0, 0
+        rows, step_s = [], np.zeros(self._steps)
         for k in range(self._steps):
             if k % _STEPS_PER_REPORT == 0:
                 report(k, self._steps)
@@ -253,15 +256,17 @@ class _MinMaxLoop:
             difference_V = valve.control_gain_V * step.control
             joint.advance(valve.bias_V + difference_V, valve.bias_V - difference_V)
             rows.append((*truth, step.control))
-            solver_s += step.solver_s
-            solutions += step.solutions
-            self.most_vertices = max(self.most_vertices, step.vertices)
-            self.largest_slack = max(self.largest_slack, step.slack)
+            self._measured.append(state)
+            self.decisions.append(step)
         report(self._steps, self._steps)
         self.curve = Curve(*np.array(rows).T, reference_rad=self._problem.reference_rad)
         self.times = MinMaxTimes(
             total_s=float(step_s.sum()),
-            solver_s=solver_s,
-            solutions=solutions,
+            solver_s=sum(step.solver_s for step in self.decisions),
+            solutions=sum(step.solutions for step in self.decisions),
             longest_step_s=float(step_s.max()),
         )
+
+    def by_active_set(self) -> PeerTimes | None:
+        """The run's programs by DAQP."""
+        return active_set_times(self._problem, np.array(self._measured), self.decisions)

@@ -71,6 +71,16 @@ def step_table(result: CaseResult) -> Table:
             "–",
         ),
     ]
+    if result.active_set is not None:
+        peer_s = result.active_set.mean_s
+        eampc_s = median(t.estimators_and_law_s for t in tracking) / steps
+        rows.append(
+            (
+                f"its program by DAQP, solver alone: {peer_s / eampc_s:,.0f} times the law",
+                f"{1e6 * peer_s:.1f}",
+                f"{min_max_s / peer_s:,.1f}",
+            )
+        )
     solutions = fmean(t.solutions for t in times) / steps
     return Table(
         f"One step, case {result.case.number} (EAMPC: tracking; {solutions:.3f} quadratic programs "
