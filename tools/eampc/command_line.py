@@ -10,8 +10,10 @@ from typing import Annotated
 import typer
 
 from eampc import (
+    commands_bench,
     commands_design,
     commands_emulate,
+    commands_export,
     commands_hil,
     commands_mpqp,
     commands_operator,
@@ -52,9 +54,11 @@ def _options(
 ) -> None: ...
 
 
+commands_bench.register(app)
 commands_design.register(app)
 commands_hil.register(app)
 commands_emulate.register(app)
+commands_export.register(app)
 commands_operator.register(app)
 commands_telemetry.register(app)
 commands_reproduce.register(app)

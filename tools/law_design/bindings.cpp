@@ -9,6 +9,7 @@ void bind_model(nanobind::module_& m);
 void bind_control(nanobind::module_& m);
 void bind_simulation(nanobind::module_& m);
 void bind_step_timing(nanobind::module_& m);
+void bind_timing(nanobind::module_& m);
 void bind_verification(nanobind::module_& m);
 void bind_worst_vertex(nanobind::module_& m);
 void bind_certificate(nanobind::module_& m);
@@ -23,6 +24,7 @@ NB_MODULE(_core, m) {
   eampc::law_design::bind_control(m);
   eampc::law_design::bind_simulation(m);
   eampc::law_design::bind_step_timing(m);
+  eampc::law_design::bind_timing(m);
   eampc::law_design::bind_verification(m);
   eampc::law_design::bind_worst_vertex(m);
   eampc::law_design::bind_certificate(m);

@@ -1,0 +1,1 @@
+"""The law engine beside its peers, on the same problems and points, in one run: `eampc bench`."""
