@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from eampc.c99_export import single_precision_error
 from eampc.law import Law
 
 
@@ -21,6 +22,7 @@ def law_summary(law: Law) -> dict[str, Any]:
         "formulation": p["law"]["formulation"],
         "statistics": law.statistics,
         "worst_operations": p["law"]["evaluator"]["worst_operations"],
+        "float_export_error": single_precision_error(law),
         "bytes": len(law.to_bytes()),
         "control_min": p["law"]["u_min"],
         "control_max": p["law"]["u_max"],
@@ -119,6 +121,7 @@ def _facts(law: Law, model: Any, estimator: Any, valve: Any) -> Table:
             f"{s['regions']} critical regions, {s['pieces']} pieces; {_evaluator(law)}; "
             f"{len(law.to_bytes()) / 1000:.1f} kB",
         ),
+        ("float export", f"within {single_precision_error(law):.1e} of the double law"),
         ("inputs", f"sha256 {p['rig']['inputs_sha256']}"),
         ("made by", f"eampc {p['rig']['eampc_version']}"),
     ]
