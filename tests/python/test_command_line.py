@@ -40,6 +40,7 @@ COMMANDS = [
     ["reference", "csv"],
     ["spy"],
     ["plot"],
+    ["reproduce"],
 ]
 
 

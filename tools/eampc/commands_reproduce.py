@@ -37,7 +37,9 @@ def reproduce(
     ] = Path("rigs"),
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Run the paper's cases with EAMPC and min-max MPC; write figures 2 to 9, tables, a page.
+    """Compare EAMPC with min-max MPC as the paper does.
+
+    Both cases in closed loop, as figures 2 to 9, tables II and III and a page (Markdown, HTML).
 
     Exit status 1 if an EAMPC curve does not settle within its rig's tolerance.
     """
