@@ -58,12 +58,13 @@ def benchmark(kind: str, horizon: int, u0: float) -> Problem:
 
 
 def random_problem(seed: int) -> Problem:
-    """Degenerate on purpose: integrator chains or dense, 1 to 3 inputs, 1 to 5 parameters; rows
-    given twice, redundant ones, sums of others, rows that bound parameters only, and parts of the
-    box without a solution.
+    """Degenerate on purpose: integrator chains, dense, or with more rows tight than there are
+    inputs; 1 to 3 inputs, 1 to 5 parameters; rows given twice, redundant ones, sums of others, rows
+    that bound parameters only, and parts of the box without a solution.
     """
     random = np.random.default_rng(seed)
-    H, F, f, G, w, S, upper = (_chain if seed % 2 == 0 else _dense)(random)
+    kind = _pyramid if seed % 5 == 4 else _chain if seed % 2 == 0 else _dense
+    H, F, f, G, w, S, upper = kind(random)
     n, count = F.shape
     for _ in range(4):
         row, other = random.integers(len(w), size=2)
@@ -138,3 +139,19 @@ def _dense(random: np.random.Generator) -> tuple[Any, ...]:
             S.append(np.zeros(count))
             w.append(3.0)
     return H, draw(n, count), draw(n), G, w, S, np.full(count, 1.5)
+
+
+def _pyramid(random: np.random.Generator) -> tuple[Any, ...]:
+    """Three inputs under a roof of 4 to 6 planes that meet in one point, whatever p is; the cost
+    pulls to the top, so more rows are tight than there are inputs on a whole part of the box.
+    """
+    count, sides = int(random.integers(1, 5)), int(random.integers(4, 7))
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    angles = 2.0 * np.pi * (np.arange(sides) + 0.3 * random.random(sides)) / sides
+    roof = np.column_stack([np.cos(angles), np.sin(angles), np.ones(sides)])
+    top = random.normal(size=(3, count))  # the point moves with p
+    G = [*(roof @ turn), *(np.array([[0.0, 0.0, -1.0]]) @ turn)]
+    S = [*(roof @ top), np.zeros(count)]
+    w = [*np.ones(sides), 4.0]
+    F = 2.0 * random.normal(size=(3, count))
+    return np.eye(3), F, -2.0 * turn[2], G, w, S, np.full(count, 1.0)
