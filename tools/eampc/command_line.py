@@ -11,6 +11,7 @@ import typer
 
 from eampc import (
     commands_bench,
+    commands_certify,
     commands_design,
     commands_emulate,
     commands_export,
@@ -56,6 +57,7 @@ def _options(
 
 commands_bench.register(app)
 commands_design.register(app)
+commands_certify.register(app)
 commands_hil.register(app)
 commands_emulate.register(app)
 commands_export.register(app)

@@ -35,6 +35,9 @@ def design(
     ],
     variant: VariantOption = None,
     changes: SetOption = None,
+    no_certificate: Annotated[
+        bool, typer.Option("--no-certificate", help="Write the law without proving it.")
+    ] = False,
     no_progress: Annotated[bool, typer.Option("--no-progress", help="No progress bar.")] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the law's figures as JSON.")
@@ -50,7 +53,7 @@ def design(
     loaded = load_rig(rig, variant, dict(parse_override(change) for change in changes or []))
     if not output.parent.is_dir():
         raise DesignError(f"{output}: the folder {output.parent} does not exist; make it first")
-    law = design_with_progress(loaded, not no_progress)
+    law = design_with_progress(loaded, not no_progress, not no_certificate)
     size_bytes = law.save(output)
     if as_json:
         typer.echo(json.dumps({"path": str(output), **law_summary(law)}))
@@ -58,8 +61,8 @@ def design(
         output_console().print(summary_table(law, str(output), size_bytes))
 
 
-def design_with_progress(rig: Rig, shown: bool = True) -> Law:
-    """The rig's law, designed under a progress bar."""
+def design_with_progress(rig: Rig, shown: bool = True, certificate: bool = True) -> Law:
+    """The rig's law, designed (and proved, with `certificate`) under a progress bar."""
     from eampc.law_design import design as design_law
     from eampc.terminal import progress_bar
 
@@ -69,7 +72,7 @@ def design_with_progress(rig: Rig, shown: bool = True) -> Law:
         def report(step: str, done: int, known: int) -> None:
             bar.update(task, description=f"law: {step}", completed=done, total=known or None)
 
-        return design_law(rig, report)
+        return design_law(rig, report, certificate)
 
 
 def show(

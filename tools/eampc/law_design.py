@@ -61,15 +61,16 @@ class Parameter(NamedTuple):
     maximum: float
 
 
-def design(rig: Rig, progress: Progress | None = None) -> Law:
+def design(rig: Rig, progress: Progress | None = None, certificate: bool = True) -> Law:
     """Design the explicit law of a rig that `load_rig` read; the reference rig takes some 20 s.
 
+    With `certificate` the law is proved (see `eampc.certificate`), and refused if it cannot be.
     Raises DesignError, one sentence that says what stands in the way and what to change.
     """
     require_rig(rig)
     started = time.perf_counter()
     try:
-        return _design(rig, progress or (lambda *_: None), started)
+        return _design(rig, progress or (lambda *_: None), started, certificate)
     except (_core.DesignError, _NoLawError) as error:
         raise DesignError(f"{rig.file}: {error}") from None
 
@@ -86,7 +87,7 @@ class _NoLawError(Exception):
     """A sentence without the file's name."""
 
 
-def _design(rig: Rig, progress: Progress, started: float) -> Law:
+def _design(rig: Rig, progress: Progress, started: float, certificate: bool) -> Law:
     model, sampled = _model(rig)
     tightening = _tightening(rig, model)
     parameters = parameter_box(rig)
@@ -97,9 +98,24 @@ def _design(rig: Rig, progress: Progress, started: float) -> Law:
         **tables_payload(tables),
         "active_sets": active_set_words(solution.regions, len(condensed.w)),
         "statistics": _statistics(solution, tables),
+        "certificate": "none",
     }
     payload = _payload(rig, model, sampled, tightening, parameters, condensed, law)
+    if certificate:
+        payload["law"]["certificate"] = _certificate(Law(payload), progress)
     return Law(payload, design_seconds=time.perf_counter() - started)
+
+
+def _certificate(law: Law, progress: Progress) -> dict[str, Any]:
+    from eampc.certificate import certify
+
+    proofs = certify(law, lambda part, done, of: progress(f"proof of {part}", done, of))
+    if not proofs.proved:
+        raise _NoLawError(
+            f"the law could not be proved: {proofs.failure}; lower control.control_horizon, raise "
+            "constraints.stage_step, or look into it with --no-certificate and eampc certify"
+        )
+    return proofs.figures
 
 
 def _model(rig: Rig) -> tuple[Any, Any]:
@@ -130,21 +146,45 @@ def _tightening(rig: Rig, model: Any) -> np.ndarray:
             model.joint_A, model.joint_B, bounds, constants, rate_per_s, period_s, horizon
         )
     else:
-        # (13), (14) settle at e^{−aT} δ; multiplied by e^{aT} nothing is missing. What is held is
-        # the mean of d over the last period: at most one period old.
-        adaptive = rig.estimator.kind == "adaptive"
-        biased = adaptive and not rig.estimator.bias_compensation
         epsilon = _core.componentwise_tightening(
             model.joint_A,
             disturbance_max_rad_s2=settings.disturbance_max_rad_s2,
             disturbance_rate_max_rad_s3=settings.disturbance_rate_max_rad_s3,
-            estimate_age_s=period_s,
-            estimate_relative_bias=-math.expm1(-rate_per_s * period_s) if biased else 0.0,
+            **_estimate_quality(rig),
             period_s=period_s,
             horizon=horizon,
         )
     _core.require_room(epsilon, bounds, settings.kind)
     return epsilon
+
+
+def _assumptions(rig: Rig) -> dict[str, float]:
+    """What the tightening rests on, for those who check it."""
+    settings = rig.tightening
+    stated = {
+        "angle_max_rad": rig.constraints.angle_max_rad,
+        "velocity_max_rad_s": rig.constraints.velocity_max_rad_s,
+        "control_max": rig.control_max,
+        "adaptation_rate_per_s": rig.estimator.adaptation_rate_per_s,
+    }
+    if settings.kind == "theorem":
+        stated |= {symbol: getattr(settings, key) for key, symbol in _LIPSCHITZ.items()}
+    elif settings.kind == "componentwise":
+        stated |= {
+            "disturbance_max_rad_s2": settings.disturbance_max_rad_s2,
+            "disturbance_rate_max_rad_s3": settings.disturbance_rate_max_rad_s3,
+            **_estimate_quality(rig),
+        }
+    return {key: float(value) for key, value in stated.items()}
+
+
+def _estimate_quality(rig: Rig) -> dict[str, float]:
+    # (13), (14) settle at e^{−aT} δ; multiplied by e^{aT} nothing is missing. What is held is the
+    # mean of d over the last period: at most one period old.
+    estimator, period_s = rig.estimator, rig.control.period_s
+    biased = estimator.kind == "adaptive" and not estimator.bias_compensation
+    bias = -math.expm1(-estimator.adaptation_rate_per_s * period_s) if biased else 0.0
+    return {"estimate_age_s": period_s, "estimate_relative_bias": bias}
 
 
 def parameter_box(rig: Rig) -> list[Parameter]:
@@ -393,7 +433,11 @@ def _payload(
             "output_p": condensed.output_p,
             "output_offset": condensed.output_offset,
         },
-        "tightening": {"kind": rig.tightening.kind, "epsilon": tightening},
+        "tightening": {
+            "kind": rig.tightening.kind,
+            "epsilon": tightening,
+            "assumptions": _assumptions(rig),
+        },
         "valve": {
             key: float(getattr(rig.valve, key))
             for key in ("bias_V", "control_gain_V", "min_V", "max_V", "safe_V", "slew_max_V_per_s")

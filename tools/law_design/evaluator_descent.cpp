@@ -43,6 +43,11 @@ double DoubleArena::radius(const Form& form, double limit) {
       lift(part->offset(i));
     }
   }
+  for (int side = 0; side < 2 * n; ++side) {
+    a.fill(0.0);
+    a[index(side / 2)] = side % 2 == 0 ? 1.0 : -1.0;
+    lift(1.0);
+  }
   for (int j = 0; j < n; ++j) a[index(j)] = -form[index(j)];
   lift(form[index(n)] - limit);
   a.fill(0.0);
