@@ -6,6 +6,9 @@
 //   piece       2 np + 1    np products, np sums, one comparison within its leaf
 //   node        8 hyperplanes + 1 for the way out; flat: all hyperplanes + 2 per leaf tried
 //   fold        3 np + 1    np products, np − 1 sums, one comparison, np signs, one sign of u
+// In instructions, on the scalar path of x86-64: two per operation and 150 for the call. Measured
+// by tests/python/test_instruction_count.py: 0.7 to 1.4 times that; on the AVX2 path 0.2 to 0.3
+// times.
 #pragma once
 
 #include <cstdint>

@@ -70,7 +70,7 @@ msgpack::object_handle unpacked(const char* data, std::size_t size, const std::s
 
 }  // namespace
 
-LawFile LawFile::load(const std::string& path) {
+LawFile LawFile::load(const std::string& path, control::EvaluationPath evaluation) {
   // A pipe would be waited for, a device read for ever.
   std::error_code unreadable;
   const auto status = std::filesystem::status(path, unreadable);
@@ -93,10 +93,12 @@ LawFile LawFile::load(const std::string& path) {
   if (file.bad() || bytes.empty()) {
     throw LawFileError(path + ": is empty or cannot be read; make it with eampc design");
   }
-  return from_bytes({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, path);
+  return from_bytes({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, path,
+                    evaluation);
 }
 
-LawFile LawFile::from_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
+LawFile LawFile::from_bytes(std::span<const std::uint8_t> bytes, const std::string& name,
+                            control::EvaluationPath evaluation) {
   const std::size_t promised = promised_size(bytes);
   if (bytes.size() < promised) {
     throw LawFileError(name + ": truncated (got " + std::to_string(bytes.size()) + " of " +
@@ -149,7 +151,7 @@ LawFile LawFile::from_bytes(std::span<const std::uint8_t> bytes, const std::stri
   read_law(law_section, config, config.law);
   const int np = static_cast<int>(law_section.at("parameter_names").texts().size());
   try {
-    law.packing_ = LawPacking(read_law_tables(law_section, np));
+    law.packing_ = LawPacking(read_law_tables(law_section, np), evaluation);
   } catch (const std::invalid_argument& error) {  // larger than an evaluation can address
     law_section.at("evaluator").fail(std::string("cannot be used: ") + error.what());
   }

@@ -43,9 +43,11 @@ struct LawMeta {
 
 class LawFile {
  public:
-  static LawFile load(const std::string& path);
+  static LawFile load(const std::string& path,
+                      control::EvaluationPath evaluation = control::EvaluationPath::kBest);
   // `name` stands for the file in error sentences.
-  static LawFile from_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
+  static LawFile from_bytes(std::span<const std::uint8_t> bytes, const std::string& name,
+                            control::EvaluationPath evaluation = control::EvaluationPath::kBest);
 
   // The configuration's law points into this object: moving keeps it, copying is not possible.
   LawFile(LawFile&&) noexcept = default;

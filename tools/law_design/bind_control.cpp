@@ -251,8 +251,9 @@ void bind_control(nb::module_& m) {
            "Each row is clamped onto the box first, u is clipped to u_min..u_max; the GIL is "
            "released.\n"
            "ValueError: wrong number of columns.");
-  m.def("load_law", &LawFile::load, "path"_a,
-        "Load and check a law file. LawFileError: one sentence that names file, defect and mend.");
+  m.def(
+      "load_law", [](const std::string& path) { return LawFile::load(path); }, "path"_a,
+      "Load and check a law file. LawFileError: one sentence that names file, defect and mend.");
   m.def("law_from_bytes", &law_from_bytes, "data"_a, "name"_a = "law",
         "The same from bytes; `name` stands for the file in errors.");
 
