@@ -50,6 +50,13 @@ def test_a_saturated_line_as_by_hand() -> None:
     assert not solution.has_infeasible_parameters
 
 
+def test_the_package_gives_the_solver_by_name() -> None:
+    import eampc
+
+    assert eampc.mpqp is mpqp
+    assert "mpqp" in dir(eampc)
+
+
 def test_parameters_without_a_solution_are_nan_or_an_error() -> None:
     # |u| ≤ 1 + p: nothing below p = −1.
     solution = mpqp.solve(**line(S=[[1], [1]]))

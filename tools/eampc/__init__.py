@@ -11,7 +11,8 @@
 `load_rig(path, variant=None, overrides=None)` reads a rig; `design(rig)` makes its law;
 `load_law(path)` reads one; `simulate(rig, law, scenario)` runs the daemon's control code against
 the simulated joint. Errors that a user can mend, one sentence each, are RigError, and UserError
-with its kinds DesignError and LawFileError.
+with its kinds DesignError and LawFileError. `mpqp.solve(H, F, f, G, w, S, box)` solves any
+multiparametric quadratic program explicitly.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from eampc_rig import Rig, RigError, load_rig
 
+    from eampc import mpqp
     from eampc.errors import DesignError, LawFileError, UserError
     from eampc.law import Law, load_law
     from eampc.law_design import design
@@ -38,6 +40,7 @@ __all__ = [
     "design",
     "load_law",
     "load_rig",
+    "mpqp",
     "simulate",
 ]
 
@@ -53,6 +56,7 @@ _HOMES = {
     "design": "eampc.law_design",
     "load_law": "eampc.law",
     "load_rig": "eampc_rig",
+    "mpqp": "eampc.mpqp",
     "simulate": "eampc.simulation",
 }
 
@@ -60,7 +64,8 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOMES[name]), name)
+    home = importlib.import_module(_HOMES[name])
+    value = home if _HOMES[name] == f"{__name__}.{name}" else getattr(home, name)
     globals()[name] = value
     return value
 

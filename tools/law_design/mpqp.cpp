@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstddef>
 #include <sstream>
 #include <string>
@@ -99,10 +100,15 @@ MpQpSolution solve_mpqp(const MpQp& problem, const MpQpOptions& options) {
     const Eigen::Map<const Eigen::VectorXd> q(explorer.unresolved_at().data(), form.parameters);
     std::ostringstream where;
     where << (form.centre + q.cwiseProduct(form.half_width)).transpose().format(kOneLine);
+    std::ostringstream why;
+    if (std::isfinite(explorer.unresolved_jump())) {
+      why << " (the nearest region's solution is off by " << explorer.unresolved_jump()
+          << " of the largest)";
+    }
     throw std::runtime_error(
         "mpQP: at " + std::to_string(statistics.unresolved_points) + " points, the first p = (" +
-        where.str() +
-        "), rounding hides which rows are active, so the regions cannot be proved to "
+        where.str() + "), rounding hides which rows are active" + why.str() +
+        ", so the regions cannot be proved to "
         "cover every parameter; scale the problem, or drop rows that nearly depend on each other");
   }
   return solution;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -296,7 +297,10 @@ double RegionExplorer::jump(int region, int other, const Point& q) const {
 // True if the other region's solution is good enough for the sliver that hides between.
 bool RegionExplorer::pass_over(int region, int facet, int other, const Point& q) {
   const double wrong_by = jump(region, other, q);
-  if (wrong_by > kLargestJump) return false;
+  if (wrong_by > kLargestJump) {
+    refused_jump_ = std::min(refused_jump_, wrong_by);
+    return false;
+  }
   statistics_.largest_jump = std::max(statistics_.largest_jump, wrong_by);
   ++statistics_.flat_regions_dropped;
   link(region, facet, other);
@@ -304,13 +308,16 @@ bool RegionExplorer::pass_over(int region, int facet, int other, const Point& q)
 }
 
 void RegionExplorer::unresolved(const Point& q) {
-  if (statistics_.unresolved_points++ == 0) unresolved_at_ = q;
+  if (statistics_.unresolved_points++ > 0) return;
+  unresolved_at_ = q;
+  unresolved_jump_ = refused_jump_;
 }
 
 // No set beyond the facet has a region: rounding. Either the facet is a sliver, or a sliver lies
 // beyond it; then what is found a little further on must be as good there.
 void RegionExplorer::step_across(int region, int facet, const Point& middle) {
   ++statistics_.stepped_facets;
+  refused_jump_ = std::numeric_limits<double>::infinity();
   const int np = form_.parameters;
   const Polytope polytope = regions_[index(region)].polytope;
   int thin = -1;

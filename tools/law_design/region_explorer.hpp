@@ -36,8 +36,11 @@ class RegionExplorer {
 
   std::vector<ExploredRegion>& regions() { return regions_; }
   const MpQpStatistics& statistics() const { return statistics_; }
-  /// Where the first unresolved point lies, in q, and why.
+  /// Where the first unresolved point lies, in q.
   const Point& unresolved_at() const { return unresolved_at_; }
+  /// How much the solution of the best region found near it differs there, as a share of the
+  /// largest solution; infinite if none was found.
+  double unresolved_jump() const { return unresolved_jump_; }
 
  private:
   struct ActiveSetHash {
@@ -103,6 +106,7 @@ class RegionExplorer {
   std::size_t next_ = 0;  // first region whose facets have not been crossed
   std::vector<double> right_side_;
   Point unresolved_at_{};
+  double refused_jump_ = 0.0, unresolved_jump_ = 0.0;
 };
 
 }  // namespace eampc::law_design
