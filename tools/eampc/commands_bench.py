@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eampc.rig_arguments import SetOption
+
 if TYPE_CHECKING:
     from eampc.benchmark.problems import BenchmarkProblem, BoundedForm
 
@@ -73,6 +75,7 @@ def law(
             help="Also the law of this rig; repeatable. Alone: only rigs.",
         ),
     ] = None,
+    changes: SetOption = None,
     peer: Annotated[
         list[str] | None,
         typer.Option("--peer", metavar="NAME", help="Of daqp, osqp, piqp, clarabel. Default: all."),
@@ -124,7 +127,7 @@ def law(
             run(of, built.tables, of.bounded(built.active_rows()))
         for text in rig or []:
             bar.update(task, description=f"{text}: design")
-            run(*_rig_law(text))
+            run(*_rig_law(text, changes))
     notes = reports.online_notes(figures)
     columns = tuple(name for name, _ in reports.LAW_COLUMNS)
     parts = [
@@ -188,8 +191,8 @@ def _names(patterns: list[str] | None, default: tuple[str, ...]) -> list[str]:
     return [name for pattern in patterns or default for name in published_names(pattern)]
 
 
-def _rig_law(text: str) -> tuple[BenchmarkProblem, object, BoundedForm]:
-    from eampc_rig import load_rig
+def _rig_law(text: str, changes: list[str] | None) -> tuple[BenchmarkProblem, object, BoundedForm]:
+    from eampc_rig import load_rig, parse_override
 
     from eampc.benchmark.law_structure import active_rows, tables_of
     from eampc.benchmark.problems import of_rig
@@ -198,7 +201,7 @@ def _rig_law(text: str) -> tuple[BenchmarkProblem, object, BoundedForm]:
     from eampc.law_design import design
 
     path, _, variant = text.partition(":")
-    rig = load_rig(path, variant or None)
+    rig = load_rig(path, variant or None, dict(parse_override(change) for change in changes or []))
     law = load_law(cached_law(rig, lambda kept: design(rig).save(kept)))
     problem = of_rig(rig, law)
     return problem, tables_of(law), problem.bounded(active_rows(law))

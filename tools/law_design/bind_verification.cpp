@@ -18,7 +18,6 @@ using namespace nb::literals;
 namespace eampc::law_design {
 namespace {
 
-constexpr std::uint64_t kMostTrials = 1'000'000'000;
 constexpr double kLongest_s = 3600.0;
 
 void require_sound(const Campaign& campaign) {
@@ -79,15 +78,15 @@ nb::dict outcome_columns(const std::vector<TrialOutcome>& rows) {
 }
 
 nb::tuple run_bound(const service::LawFile& law, const Campaign& campaign, std::uint64_t first,
-                    std::uint64_t count, int threads, const nb::object& progress) {
+                    int count, int threads, const nb::object& progress) {
   require_sound(campaign);
-  if (count > kMostTrials || threads < 0) {
-    throw nb::value_error("count must be at most 1e9 and threads not negative");
+  if (count < 0 || threads < 0) {
+    throw nb::value_error("count and threads must not be negative");
   }
   CampaignRun run;
   {
     const nb::gil_scoped_release released;
-    run = run_campaign(law.config(), campaign, first, count, threads, [&](std::uint64_t done) {
+    run = run_campaign(law.config(), campaign, first, count, threads, [&](int done, int) {
       const nb::gil_scoped_acquire acquired;
       if (PyErr_CheckSignals() != 0) throw nb::python_error();
       if (!progress.is_none()) progress(done);

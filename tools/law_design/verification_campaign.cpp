@@ -1,14 +1,10 @@
 #include "law_design/verification_campaign.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cmath>
-#include <condition_variable>
 #include <ctime>
-#include <exception>
-#include <mutex>
-#include <thread>
+#include <numeric>
 
 #include "control/encoder_codec.hpp"
 #include "law_design/frame_judge.hpp"
@@ -20,7 +16,7 @@ namespace {
 
 constexpr int kArmAtCycle = 2;  // the first valid frame has made the daemon DISARMED by then
 constexpr std::uint64_t kNoiseStream = 0x6E6F697365u;  // apart from the stream that draws the trial
-constexpr std::uint64_t kTrialsPerTurn = 8;            // some milliseconds of work
+constexpr std::chrono::milliseconds kProgressPeriod{100};
 
 // The level of d at the beginning of period k from ACTIVE on.
 double level_at(const TrialDisturbance& d, std::int64_t k) {
@@ -130,57 +126,27 @@ TrialOutcome run_trial(const control::ControllerConfig& config, const Campaign& 
 }
 
 CampaignRun run_campaign(const control::ControllerConfig& config, const Campaign& campaign,
-                         std::uint64_t first, std::uint64_t count, int threads,
-                         const std::function<bool(std::uint64_t)>& progress) {
+                         std::uint64_t first, int count, int threads,
+                         const LoopProgress& progress) {
   CampaignRun run;
-  run.outcomes.resize(count);
-  std::atomic<std::uint64_t> next{0};
-  std::atomic<std::uint64_t> done{0};
-  std::atomic<bool> cancelled{false};
-  std::mutex mutex;
-  std::condition_variable finished;
-  int running = 0;
-
-  const auto work = [&] {
+  run.outcomes.resize(static_cast<std::size_t>(count));
+  const int used = thread_count(threads);
+  std::vector<double> seconds(static_cast<std::size_t>(used));
+  const auto work = [&](int i, int thread) {
     const double begin_s = thread_time_s();
-    while (!cancelled.load(std::memory_order_relaxed)) {
-      const std::uint64_t from = next.fetch_add(kTrialsPerTurn);
-      if (from >= count) break;
-      const std::uint64_t to = std::min(count, from + kTrialsPerTurn);
-      for (std::uint64_t i = from; i < to; ++i) {
-        run.outcomes[i] = run_trial(config, campaign, first + i, nullptr);
-      }
-      done.fetch_add(to - from);
-    }
-    const std::scoped_lock lock(mutex);
-    run.thread_seconds += thread_time_s() - begin_s;
-    --running;
-    finished.notify_one();
+    run.outcomes[static_cast<std::size_t>(i)] =
+        run_trial(config, campaign, first + static_cast<std::uint64_t>(i), nullptr);
+    seconds[static_cast<std::size_t>(thread)] += thread_time_s() - begin_s;
   };
-
-  const int wanted =
-      threads > 0 ? threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-  std::vector<std::jthread> workers;
-  running = wanted;
-  for (int i = 0; i < wanted; ++i) workers.emplace_back(work);
-
-  std::exception_ptr failure;
-  std::unique_lock lock(mutex);
-  while (!finished.wait_for(lock, std::chrono::milliseconds(100), [&] { return running == 0; })) {
-    if (cancelled) continue;
-    lock.unlock();
-    try {
-      if (progress && !progress(done.load())) cancelled = true;
-    } catch (...) {
-      failure = std::current_exception();
-      cancelled = true;
-    }
-    lock.lock();
-  }
-  lock.unlock();
-  workers.clear();
-  if (failure) std::rethrow_exception(failure);
-  run.cancelled = cancelled;
+  auto told = std::chrono::steady_clock::now();
+  const auto now_and_then = [&](int done, int of) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - told < kProgressPeriod) return true;
+    told = now;
+    return progress(done, of);
+  };
+  parallel_range(count, used, work, progress ? now_and_then : LoopProgress{});
+  run.thread_seconds = std::accumulate(seconds.begin(), seconds.end(), 0.0);
   return run;
 }
 

@@ -5,11 +5,11 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <vector>
 
 #include "control/controller_config.hpp"
 #include "law_design/closed_loop_simulation.hpp"
+#include "law_design/parallel_range.hpp"
 #include "law_design/verification_trial.hpp"
 
 namespace eampc::law_design {
@@ -41,13 +41,11 @@ TrialOutcome run_trial(const control::ControllerConfig& config, const Campaign& 
 struct CampaignRun {
   std::vector<TrialOutcome> outcomes;  // in the order of the indices
   double thread_seconds = 0.0;         // processor time of all threads together
-  bool cancelled = false;              // then the rows of trials that were not run are empty
 };
 
-// Trials first .. first + count − 1. `threads` 0: one per core. `progress` is called from the
-// caller's thread some ten times a second with the trials done; false cancels.
+// Trials first .. first + count − 1. `threads` 0: one per core. `progress` is called some ten times
+// a second. Throws Cancelled if it returned false.
 CampaignRun run_campaign(const control::ControllerConfig& config, const Campaign& campaign,
-                         std::uint64_t first, std::uint64_t count, int threads,
-                         const std::function<bool(std::uint64_t)>& progress);
+                         std::uint64_t first, int count, int threads, const LoopProgress& progress);
 
 }  // namespace eampc::law_design
