@@ -207,13 +207,20 @@ class _Source:
 
 #define LAW_PARAMETERS {self._parameters}
 /* Most multiplications, additions and comparisons of one call, clamping left out. */
-#define LAW_WORST_OPERATIONS {self._evaluator["worst_operations"]}
+#define LAW_WORST_OPERATIONS {self._worst_operations()}
 {error}
 {meaning}
 {self._real} law_control(const {self._real} p[LAW_PARAMETERS]);
 
 #endif
 """
+
+    def _worst_operations(self) -> int:
+        e = self._evaluator
+        sides = len(e["hyperplanes"]) if e["kind"] == "flat" else 3 * e["depth"]
+        # In float every side may have to be decided again, in double.
+        again = sides * (2 * self._parameters + 3) if self._single else 0
+        return e["worst_operations"] + again
 
     def code(self) -> str:
         return "\n".join(
