@@ -82,14 +82,10 @@ def theorem_bounds(
     """γ(T) of Lemma 3.1 with ρ as corrected, and φ at the end of the horizon."""
     x_max = math.hypot(a["angle_max_rad"], a["velocity_max_rad_s"])
     beta = a["l_delta"] * x_max + a["b_delta"]
-    fastest = max(
-        float(
-            np.linalg.norm(A @ [s * a["angle_max_rad"], t * a["velocity_max_rad_s"]] + [0, b * v])
-        )
-        for s in (-1, 1)
-        for t in (-1, 1)
-        for v in (-a["control_max"], a["control_max"])
+    corners = itertools.product(
+        *((-a[key], a[key]) for key in ("angle_max_rad", "velocity_max_rad_s", "control_max"))
     )
+    fastest = max(float(np.linalg.norm(A @ [x1, x2] + [0.0, b * u])) for x1, x2, u in corners)
     rho = a["l_delta_t"] * x_max + a["b_delta_t"]
     rho += (a["l_delta_x"] * x_max + a["b_delta_x"]) * (fastest + beta)
     gamma = 2.0 * rho * period_s + (1.0 - math.exp(-a["adaptation_rate_per_s"] * period_s)) * beta

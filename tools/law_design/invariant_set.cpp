@@ -98,10 +98,12 @@ class SetBuilder {
         others.append(a.data(), rows_.offset(k));
       }
       rows_.copy_normal(i, a.data());
-      const LpResult most = program_.maximise(a.data(), others, rows_.offset(i));
+      // A tenth of what the rows have to spare.
+      const double limit = rows_.offset(i) + 0.1 * kSpare;
+      const LpResult most = program_.maximise(a.data(), others, limit);
       needed[static_cast<std::size_t>(i)] =
           most.status == LpStatus::kFailed ||
-          (most.status == LpStatus::kOptimal && most.value > rows_.offset(i));
+          (most.status == LpStatus::kOptimal && most.value > limit);
       if (needed[static_cast<std::size_t>(i)]) kept.append(a.data(), rows_.offset(i));
     }
     return kept;
