@@ -334,9 +334,8 @@ void RegionExplorer::step_across(int region, int facet, const Point& middle) {
       regions_[index(region)].facet_kinds[index(facet)] = FacetKind::kParameterRow;
       return;
     }
-    const int holder = region_holding(q.data());
-    if (holder == region) return;  // a sliver of a facet, cut off by less than a step
-    if (holder >= 0 && pass_over(region, facet, holder, middle)) return;
+    // A sliver of a facet, cut off by less than a step.
+    if (polytope.facets.contains(q.data(), kInside)) return;
     std::vector<int> active = regions_[index(region)].active;
     const QpStatus status = solve_at(q, 1e-3 * step, active);
     if (status == QpStatus::kInfeasible) {
@@ -353,9 +352,11 @@ void RegionExplorer::step_across(int region, int facet, const Point& middle) {
     const int other = seen_[index(seen)].region;
     if (other >= 0 && regions_[index(other)].polytope.facets.contains(q.data(), kInside)) {
       if (pass_over(region, facet, other, middle)) return;
-    } else if (thin < 0 && seen_[index(seen)].built == Built::kFlat) {
-      thin = seen;
+      continue;
     }
+    if (thin < 0 && seen_[index(seen)].built == Built::kFlat) thin = seen;
+    const int holder = region_holding(q.data());
+    if (holder >= 0 && pass_over(region, facet, holder, middle)) return;
   }
   if (thin >= 0 && adopt_thin(thin)) {
     link(region, facet, seen_[index(thin)].region);
