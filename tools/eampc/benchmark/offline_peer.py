@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from eampc.benchmark.problems import Array
+from eampc.errors import RunFailed
 from eampc.mpqp import Problem
 
 ALGORITHMS = ("geometric", "graph", "combinatorial")
@@ -64,14 +65,23 @@ def _limited(
     process.start()
     theirs.close()
     try:
-        if not ours.poll(_START_S) or ours.recv() != "ready":
-            return None
+        if not ours.poll(_START_S) or not _begun(ours):
+            raise RunFailed(
+                "PPOPT's process does not start; see what python -c 'import ppopt' says"
+            )
         return ours.recv() if ours.poll(limit_s) else None
-    except EOFError:
+    except EOFError:  # it gave up on the problem
         return None
     finally:
         process.kill()
         process.join()
+
+
+def _begun(answers: Connection) -> bool:
+    try:
+        return answers.recv() == "ready"
+    except EOFError:
+        return False
 
 
 def _solve(answer: Connection, arrays: dict[str, Array], points: Array, algorithm: str) -> None:
