@@ -41,6 +41,10 @@ COMMANDS = [
     ["spy"],
     ["plot"],
     ["reproduce"],
+    ["verify"],
+    ["bench"],
+    ["bench", "law"],
+    ["bench", "offline"],
 ]
 
 
@@ -79,7 +83,9 @@ def test_help_lists_the_commands(eampc: Eampc) -> None:
     assert "..." not in text.partition("Commands:")[2], "a summary is too long for its line"
 
 
-@pytest.mark.parametrize("group", [[], ["law"], ["reference"]], ids=["eampc", "law", "reference"])
+@pytest.mark.parametrize(
+    "group", [[], ["bench"], ["law"], ["reference"]], ids=["eampc", "bench", "law", "reference"]
+)
 def test_no_command_shows_the_help(eampc: Eampc, group: list[str]) -> None:
     """It was once folded into one endless sentence."""
     done = eampc(*group)

@@ -101,7 +101,7 @@ def online_notes(figures: list[OnlineFigures]) -> list[str]:
 
 def offline_notes() -> list[str]:
     return [
-        "one core each; explore: the critical regions, rows reduced, coverage proved by facets; "
+        "processor time; explore: the critical regions, rows reduced, coverage proved by facets; "
         "structure: the evaluator and its proof",
         "PPOPT: its fastest algorithm, rows reduced by itself; uncovered: random parameters that "
         "have a solution (judged by DAQP) and lie in no region",

@@ -15,7 +15,7 @@ COVERAGE_POINTS = 20_000
 
 @dataclass(frozen=True)
 class OfflineFigures:
-    """Of one problem. Seconds on one core; uncovered: random feasible points in no region."""
+    """Of one problem. Processor seconds; uncovered: random feasible points in no region."""
 
     problem: str
     explore_s: float

@@ -25,7 +25,7 @@ _START_S = 60.0
 
 @dataclass(frozen=True)
 class OfflinePeer:
-    """PPOPT's best algorithm on one problem; seconds are of its solve alone, rows reduced by it."""
+    """PPOPT's best algorithm on one problem; processor seconds of its solve, rows reduced by it."""
 
     algorithm: str
     seconds: float
@@ -92,7 +92,7 @@ def _solve(answer: Connection, arrays: dict[str, Array], points: Array, algorith
     of = Problem(**arrays)
     count = len(of.lower)
     answer.send("ready")
-    begin = time.perf_counter()
+    begin = time.process_time()
     stated = program.MPQP_Program(
         A=of.G,
         b=of.w[:, None],
@@ -104,7 +104,7 @@ def _solve(answer: Connection, arrays: dict[str, Array], points: Array, algorith
         F=of.S,
     )
     solution = solver.solve_mpqp(stated, getattr(solver.mpqp_algorithm, algorithm))
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     covered = np.zeros(len(points), dtype=bool)
     for region in solution.critical_regions:
         normals = np.linalg.norm(region.E, axis=1)
