@@ -13,7 +13,7 @@ import pytest
 from eampc import _core
 from eampc.c99_export import export_c99, single_precision_error
 from eampc.law import Law
-from eampc.law_design import tables_payload
+from eampc.law_arrays import tables_payload
 from law_in_numpy import values_at
 from ready_rigs import law_of
 

@@ -26,7 +26,7 @@ def export(
         bool, typer.Option("--json", help="Print what was written as JSON.")
     ] = False,
 ) -> None:
-    """Write a law as self-contained C99 with a test of its own (make check in DIR)."""
+    """Write a law as self-contained C99."""
     from eampc.c99_export import export_c99, single_precision_error
     from eampc.law import load_law
 

@@ -10,7 +10,8 @@ from typing import Any, Literal, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eampc.law_file import encode_law, law_tables, read_law, write_law
+from eampc.law_arrays import active_set_rows, law_tables
+from eampc.law_file import encode_law, read_law, write_law
 
 Array = NDArray[np.float64]
 
@@ -104,9 +105,7 @@ class Law:
     @property
     def active_sets(self) -> list[list[int]]:
         """Active rows of the problem in each critical region of the box."""
-        words = np.ascontiguousarray(self.payload["law"]["active_sets"], dtype="<i4")
-        bits = np.unpackbits(words.view(np.uint8), axis=1, bitorder="little")
-        return [np.flatnonzero(row).tolist() for row in bits]
+        return active_set_rows(self.payload["law"]["active_sets"])
 
     @overload
     def evaluate(self, p: ArrayLike, *, regions: Literal[False] = False) -> Array: ...

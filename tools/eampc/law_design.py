@@ -13,6 +13,7 @@ import numpy as np
 from eampc import _core
 from eampc.errors import DesignError
 from eampc.law import Law
+from eampc.law_arrays import active_set_words, tables_payload
 
 if TYPE_CHECKING:
     from eampc_rig import Rig
@@ -289,40 +290,6 @@ def _law_tables(
             "control.control_horizon or raise constraints.stage_step"
         ) from None
     return tables
-
-
-def tables_payload(tables: _core.LawTables) -> dict[str, Any]:
-    """The entries piece_gain, piece_offset and evaluator of the section law."""
-    arrays = (
-        "hyperplanes",
-        "node_planes",
-        "node_children",
-        "leaf_care",
-        "leaf_bits",
-        "leaf_first",
-        "term_first",
-        "term_pieces",
-        "fold",
-    )
-    return {
-        "piece_gain": tables.piece_gain,
-        "piece_offset": tables.piece_offset,
-        "evaluator": {
-            "kind": tables.kind,
-            "worst_operations": tables.worst_operations,
-            "root": tables.root,
-            "depth": tables.depth,
-            **{name: getattr(tables, name) for name in arrays},
-        },
-    }
-
-
-def active_set_words(regions: Any, rows: int) -> np.ndarray:
-    """(n_regions, ceil(rows/32)) int32: bit j % 32 of word j // 32 is set if row j is active."""
-    active = np.zeros((len(regions), -(-rows // 32) * 32), dtype=np.uint8)
-    for bits, region in zip(active, regions, strict=True):
-        bits[region.active_set] = 1
-    return np.packbits(active, axis=1, bitorder="little").view("<i4")
 
 
 def _statistics(solution: Any, tables: _core.LawTables) -> dict[str, int]:

@@ -42,6 +42,7 @@ import msgpack
 import numpy as np
 
 from eampc.errors import LawFileError
+from eampc.law_arrays import law_tables
 
 FORMAT = "eampc-law"
 VERSION = 2
@@ -327,16 +328,6 @@ _EVALUATOR_SHAPES = {
     "term_first": None,
     "term_pieces": None,
 }
-
-
-def law_tables(law: Mapping[str, Any]) -> Any:
-    """`_core.LawTables` of the section law; ValueError names the key that is wrong."""
-    from eampc import _core
-
-    evaluator = {key: value for key, value in law["evaluator"].items() if key != "worst_operations"}
-    return _core.LawTables(
-        piece_gain=law["piece_gain"], piece_offset=law["piece_offset"], **evaluator
-    )
 
 
 def _check_tables(law: dict[str, Any]) -> None:
