@@ -3,8 +3,6 @@
 #include "law_design/certificate_test_problems.hpp"
 #include "law_design/law_certificate.hpp"
 #include "law_design/mpqp_test_problems.hpp"
-#include "law_design/search_tree.hpp"
-#include "law_design/search_tree_tables.hpp"
 
 namespace eampc::law_design {
 namespace {
@@ -113,19 +111,25 @@ TEST(CertificateEvaluator, ChecksBothHalvesOfAFoldedLaw) {
   EXPECT_THROW(certify(lopsided, tables), std::invalid_argument);
 }
 
-TEST(CertificateEvaluator, ProvesABenchmarkTreeAndFindsASwappedGain) {
-  const MpQp problem = test::benchmark_p5(10, 2.0);
+// With u0 = 0 and N = 3 the whole law is its unconstrained piece, clipped: the case in which a law
+// that is clipped without proof is wrong by the full range.
+TEST(CertificateEvaluator, ProvesThatOnePieceClippedIsABenchmarksLaw) {
+  const MpQp problem = test::benchmark_p5(3, 0.0);
   const OutputLaw output = test::first_input(problem, 4.0);
-  const MpQpSolution solution = solve_mpqp(problem);
   std::vector<std::vector<int>> sets;
-  for (const CriticalRegion& region : solution.regions) sets.push_back(region.active_set);
-  service::LawTables tables = law_tables(build_search_tree(solution, output));
+  service::LawTables tables = test::lattice(5, {{0.0, 0.0}}, {{0}});
+  for (const CriticalRegion& region : solve_mpqp(problem).regions) {
+    sets.push_back(region.active_set);
+    if (!region.active_set.empty()) continue;
+    for (int j = 0; j < 5; ++j) tables.piece_gain[static_cast<std::size_t>(j)] = region.gain(0, j);
+    tables.piece_offset[0] = region.offset(0);
+  }
   LawCertificateOptions options;
   options.threads = 2;
   options.infeasible_allowed = true;
   const LawCertificate proof = certify_law(problem, output, sets, &tables, options);
   EXPECT_TRUE(proof.evaluated) << proof.failure;
-  EXPECT_GT(proof.evaluator->cells, 365);
+  EXPECT_EQ(proof.evaluator->cells, 15);
   std::swap(tables.piece_gain[0], tables.piece_gain[1]);
   EXPECT_FALSE(certify_law(problem, output, sets, &tables, options).evaluated);
 }

@@ -42,7 +42,7 @@ struct FacetWalkResult {
 
 class FacetWalk {
  public:
-  static constexpr double kThickest = 1e-7;
+  static constexpr double kThickest = 2e-8;
   static constexpr double kSliver = 1e-9;
   /// Planes and laws of two regions that meet must agree to this.
   static constexpr double kAgreement = 1e-6;
