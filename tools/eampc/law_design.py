@@ -281,7 +281,7 @@ def _law_tables(
         progress("search tree", nodes, 0)
 
     try:
-        tables, _ = _core.build_search_tree(
+        tables, _ = _core.build_law_tables(
             solution, _output(condensed, control_max), progress=report
         )
     except RuntimeError as error:

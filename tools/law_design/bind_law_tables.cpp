@@ -6,15 +6,15 @@
 
 #include <cstdint>
 #include <exception>
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "law_design/bind_arrays.hpp"
+#include "law_design/law_structure.hpp"
 #include "law_design/mpqp.hpp"
-#include "law_design/search_tree.hpp"
-#include "law_design/search_tree_tables.hpp"
 #include "service/law_cost.hpp"
 #include "service/law_packing.hpp"
 #include "service/law_tables.hpp"
@@ -28,32 +28,31 @@ using service::LawTables;
 using Integers = nb::ndarray<const std::int32_t, nb::c_contig, nb::device::cpu>;
 
 nb::tuple build_tables(const MpQpSolution& solution, const OutputLaw& output,
-                       const nb::object& progress, int max_nodes) {
+                       const nb::object& progress, int threads) {
   std::exception_ptr raised;
-  SearchTreeOptions options;
-  options.max_nodes = max_nodes;
-  options.progress = progress_function(progress, raised);
-  BuiltSearchTree tree;
-  LawTables tables;
+  LawStructureOptions options;
+  options.threads = threads;
+  const std::function<bool(int, int)> report = progress_function(progress, raised);
+  if (report) {
+    options.progress = [&report](long nodes, long) { return report(static_cast<int>(nodes), 0); };
+  }
+  LawStructure structure;
   try {
     nb::gil_scoped_release release;
-    tree = build_search_tree(solution, output, options);
-    tables = law_tables(tree);
+    structure = build_law_structure(solution, output, options);
   } catch (const Cancelled&) {
     if (raised) std::rethrow_exception(raised);
     throw;
   }
   nb::dict s;
-  s["unsaturated_regions"] = tree.statistics.unsaturated_regions;
-  s["distinct_laws"] = tree.statistics.distinct_laws;
-  s["binary_nodes"] = tree.statistics.nodes;
-  s["leaves"] = tree.statistics.leaves;
-  s["binary_depth"] = tree.statistics.depth;
-  s["lps"] = tree.statistics.lps;
-  s["sliver_leaves"] = tree.statistics.sliver_leaves;
-  s["infeasible_leaves"] = tree.statistics.infeasible_leaves;
-  s["seconds"] = tree.statistics.seconds;
-  return nb::make_tuple(std::move(tables), s);
+  s["regions"] = structure.regions;
+  s["unsaturated_regions"] = structure.unsaturated_regions;
+  s["distinct_laws"] = structure.distinct_laws;
+  s["binary_nodes"] = structure.binary_nodes;
+  s["binary_depth"] = structure.binary_depth;
+  s["lps"] = structure.lps;
+  s["seconds"] = structure.seconds;
+  return nb::make_tuple(std::move(structure.tables), s);
 }
 
 template <typename T, typename Array>
@@ -204,12 +203,12 @@ void bind_law_tables(nb::module_& m) {
       .def_prop_ro("worst_operations", &service::evaluation_cost,
                    "Bound on the operations of one evaluation (daemon/service/law_cost.hpp).");
 
-  m.def("build_search_tree", &build_tables, "solution"_a, "output"_a, "progress"_a = nb::none(),
-        "max_nodes"_a = 1000000,
-        "Sort the output of a solution into a proved search tree.\n\n"
+  m.def("build_law_tables", &build_tables, "solution"_a, "output"_a, "progress"_a = nb::none(),
+        "threads"_a = 0,
+        "Sort the output of a solution (all regions) into pieces and a proved evaluator.\n\n"
         "Returns (LawTables, dict of statistics). The value of the law is not clipped: the caller\n"
-        "clips it to y_min, y_max. progress(nodes, regions_in_cell): as in solve_mpqp.\n"
-        "RuntimeError if a leaf cannot be proved.");
+        "clips it to y_min, y_max. progress(nodes, 0): as in solve_mpqp. threads: 0 is one per\n"
+        "core; the tables do not depend on it. RuntimeError if a cell cannot be proved.");
 
   m.def("evaluate_tables", &evaluate_tables, "tables"_a, "p"_a, "path"_a = "best",
         "Evaluate a law at every row of p (k, np) with the daemon's code.\n\n"

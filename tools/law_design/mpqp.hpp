@@ -72,7 +72,7 @@ struct MpQpStatistics {
 
 struct MpQpOptions {
   /// If given, regions whose output sits on one of its bounds throughout are found but neither
-  /// returned nor crossed. See search_tree.hpp for why a tree does not need them. What this cannot
+  /// returned nor crossed. A law structure needs them all. What this cannot
   /// prove is that the rest of the parameters hangs together: a part with an unsaturated output
   /// that is surrounded by saturated ones is found only if a random point falls into it.
   std::optional<OutputLaw> output;
