@@ -9,7 +9,7 @@
 namespace eampc::law_design {
 namespace {
 
-// The reference rig under a hand-tuned one-piece law u = −40 e1 − 2 e2 + u_ss.
+// The reference rig under a hand-tuned law of one piece u = −40 e1 − 2 e2 + u_ss.
 TEST(ClosedLoopSimulation, ArmsAsARunOnTheBusAndTracksWithoutOffset) {
   control::ReferenceJoint joint = control::reference_joint();
   control::connect(joint);

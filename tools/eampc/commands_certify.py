@@ -25,7 +25,9 @@ def certify(
     no_progress: Annotated[bool, typer.Option("--no-progress", help="No progress bar.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Prove a law from its file alone: optimal, without holes, continuous, evaluated as proved.
+    """Prove a law again, from its file alone.
+
+    It is optimal and continuous, without holes, and evaluated as proved; the invariant set holds.
 
     Exit status: 0 proved, and as the file's own certificate says; 1 not; 2 bad input.
     """

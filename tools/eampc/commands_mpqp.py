@@ -40,7 +40,10 @@ def mpqp(
     ] = 1_000_000,
     no_progress: Annotated[bool, typer.Option("--no-progress", help="No progress bar.")] = False,
 ) -> None:
-    """Solve min ½U'HU + (F p + f)'U, G U ≤ w + S p, for every p from lower to upper at once."""
+    """Solve any multiparametric QP explicitly.
+
+    min ½U'HU + (F p + f)'U, G U ≤ w + S p, for every p from lower to upper at once.
+    """
     from eampc import mpqp as solver
     from eampc.terminal import output_console, progress_bar
 

@@ -1,4 +1,4 @@
-"""Rig → law: model, sampling, tightening, condensed problem, critical regions, search tree."""
+"""Rig → law: model, sampling, tightening, condensed problem, critical regions, evaluator."""
 
 from __future__ import annotations
 
@@ -278,7 +278,7 @@ def _law_tables(
     solution: Any, condensed: Any, control_max: float, progress: Progress
 ) -> _core.LawTables:
     def report(nodes: int, _regions_in_cell: int) -> None:
-        progress("search tree", nodes, 0)
+        progress("evaluator", nodes, 0)
 
     try:
         tables, _ = _core.build_law_tables(
@@ -286,7 +286,7 @@ def _law_tables(
         )
     except RuntimeError as error:
         raise _NoLawError(
-            f"the regions could not be sorted into a search tree ({error}); lower "
+            f"the regions could not be cut into the cells of an evaluator ({error}); lower "
             "control.control_horizon or raise constraints.stage_step"
         ) from None
     return tables

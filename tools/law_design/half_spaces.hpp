@@ -1,5 +1,5 @@
 // Half-spaces a·x ≤ b, stored column by column so that the slacks of all of them at one point are
-// a few long multiply-adds. Used for regions, cells of the search tree and linear programs.
+// a few long multiply-adds. Used for regions, cells of the evaluator and linear programs.
 #pragma once
 
 #include <cstddef>
