@@ -123,21 +123,89 @@ def test_every_peer_finds_the_law(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert found["machine"]["processor"] in text
 
 
-def test_offline_beside_ppopt(capsys: pytest.CaptureFixture[str]) -> None:
+# PPOPT's interface over eampc.mpqp: PPOPT brings Gurobi, which is not free, and a compiler.
+PPOPT = {
+    "__init__.py": "",
+    "mpqp_program.py": "from types import SimpleNamespace as MPQP_Program\n",
+    "mp_solvers/__init__.py": "",
+    "mp_solvers/solve_mpqp.py": """
+import enum, time
+from types import SimpleNamespace
+import numpy as np
+from eampc.mpqp import solve
+
+mpqp_algorithm = enum.Enum("mpqp_algorithm", ["geometric", "graph", "combinatorial"])
+
+def solve_mpqp(of, algorithm):
+    print("it prints as it goes", flush=True)
+    if algorithm is mpqp_algorithm.graph:
+        time.sleep(600.0)
+    if algorithm is mpqp_algorithm.combinatorial:
+        raise ValueError("it gives up")
+    box = [np.linalg.solve(rows, bounds) for rows, bounds in zip(
+        np.split(of.A_t, 2), np.split(of.b_t.ravel(), 2), strict=True)]
+    a = solve(of.Q, of.H, of.c.ravel(), of.A, of.b.ravel(), of.F, (box[1], box[0])).arrays
+    regions = [
+        SimpleNamespace(E=3.0 * a["facet_normals"][i:k], f=3.0 * a["facet_offsets"][i:k, None])
+        for i, k in zip(a["facet_first"][:-1], a["facet_first"][1:], strict=True)
+    ]
+    return SimpleNamespace(critical_regions=regions[LEFT_OUT:])
+""",
+}
+
+
+def install_ppopt(folder: Path, monkeypatch: pytest.MonkeyPatch, left_out: int = 0) -> None:
+    """Puts the package above where the processes of the benchmark find it."""
+    (folder / "ppopt" / "mp_solvers").mkdir(parents=True)
+    for name, text in PPOPT.items():
+        (folder / "ppopt" / name).write_text(text.replace("LEFT_OUT", str(left_out)))
+    monkeypatch.syspath_prepend(folder)
+
+
+def test_offline_beside_ppopt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    install_ppopt(tmp_path, monkeypatch)
+    report = tmp_path / "offline.md"
     arguments = ["bench", "offline", "--problem", "p3_u2_N2-3", "--points", "500"]
-    assert run_command([*arguments, "--json"]) == 0
-    for figures in json.loads(capsys.readouterr().out)["problems"]:
+    assert run_command([*arguments, "--limit-s", "2", "--json", "-o", str(report)]) == 0
+    for figures in json.loads(capfd.readouterr().out)["problems"]:
         peer = figures["peer"]
         assert figures["uncovered"] == 0
+        assert peer["algorithm"] == "geometric"
+        assert peer["not_finished"] == ["graph", "combinatorial"]
         assert peer["regions"] == figures["regions"] > 1
         assert peer["uncovered"] == 0
         assert figures["ratio"] == pytest.approx(peer["seconds"] / figures["explore_s"])
+    assert "| p3_u2_N3 |" in report.read_text()
 
 
-def test_a_peer_that_takes_too_long_is_ended() -> None:
+def test_what_the_peer_leaves_uncovered_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install_ppopt(tmp_path, monkeypatch, left_out=1)
+    of = published("p3_u2_N2")
+    points = online.random_points(of, as_given(of.problem), 500, seed=1)
+    found = offline_peer.best_of(of.problem, points, 60.0, ("geometric",))
+    assert found is not None
+    missing = int((build_law(of).regions.region_index(points) == 0).sum())
+    assert found.uncovered == missing > 0
+
+
+def test_offline_without_a_peer(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["bench", "offline", "--problem", "p3_u2_N2", "--no-peer", "--json"]) == 0
+    (figures,) = json.loads(capsys.readouterr().out)["problems"]
+    assert figures["peer"] is None
+    assert figures["uncovered"] == 0
+
+
+def test_a_peer_that_takes_too_long_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install_ppopt(tmp_path, monkeypatch)
     problem = published("p5_u2_N8").problem
     points = np.zeros((1, 5))
-    assert offline_peer.best_of(problem, points, 0.05, ("geometric",)) is None
+    assert offline_peer.best_of(problem, points, 0.05, ("graph",)) is None
 
 
 def test_a_missing_peer_is_one_sentence(
@@ -146,6 +214,9 @@ def test_a_missing_peer_is_one_sentence(
     monkeypatch.setitem(sys.modules, "piqp", None)
     assert run_command(["bench", "law", "--problem", "p5_u2_N3"]) == 2
     assert "pip install 'eampc[bench]'" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "ppopt", None)
+    assert run_command(["bench", "offline", "--problem", "p3_u2_N2"]) == 2
+    assert "peer ppopt is not installed" in capsys.readouterr().err
     assert run_command(["bench", "law", "--peer", "gurobi"]) == 2
     assert "no peer is called gurobi" in capsys.readouterr().err
     monkeypatch.setattr(online_peers, "version", lambda _name: "0.8.2")
