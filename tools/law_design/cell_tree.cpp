@@ -265,8 +265,13 @@ std::int32_t Grower::grow(Items items, Items bounds, int depth) {
       return static_cast<std::int32_t>(at);
     }
   }
-  if (auto found = fitter_.fit(items, bounds, cell_, {kMostPieces, kMostPieces})) {
-    return leaf(std::move(*found));
+  // What is left is as small as the rounding of facets: slivers count as regions, and if that is
+  // not enough a difference counts as none that elsewhere is one.
+  for (CellItem& item : items) item.thin = false;
+  for (const double same : {1e-9, 1e-7, 1e-6}) {
+    if (auto found = fitter_.fit(items, bounds, cell_, {kMostPieces, kMostPieces, same})) {
+      return leaf(std::move(*found));
+    }
   }
   throw std::runtime_error("cell tree: " + std::to_string(items.size()) +
                            " regions meet in a cell that no hyperplane divides and no lattice of "

@@ -57,7 +57,7 @@ bool LatticeFitter::nowhere_below(Part& part, int law, const Cell& cell) {
   if (known < 0) {
     const int own = partition_.regions[index(part.item->region)].law;
     known = law == part.law ||
-            geometry_.difference_below(own, laws_[index(law)], *part.item, cell, kSame);
+            geometry_.difference_below(own, laws_[index(law)], *part.item, cell, same_);
   }
   return known == 1;
 }
@@ -67,7 +67,7 @@ bool LatticeFitter::nowhere_above(Part& part, int law, const Cell& cell) {
   if (known < 0) {
     const int own = partition_.regions[index(part.item->region)].law;
     known = law == part.law ||
-            geometry_.difference_below(laws_[index(law)], own, *part.item, cell, kSame);
+            geometry_.difference_below(laws_[index(law)], own, *part.item, cell, same_);
   }
   return known == 1;
 }
@@ -88,7 +88,7 @@ bool LatticeFitter::none_above(const std::vector<int>& term, Part& part, const C
   }
   std::vector<int> laws;
   for (const int law : term) laws.push_back(laws_[index(law)]);
-  return geometry_.none_above(laws, *part.item, cell, kSame);
+  return geometry_.none_above(laws, *part.item, cell, same_);
 }
 
 bool LatticeFitter::find_terms(const Cell& cell, Terms& terms) {
@@ -125,7 +125,7 @@ bool LatticeFitter::find_terms(const Cell& cell, Terms& terms) {
     for (std::vector<int>& of_term : laws) {
       for (int& law : of_term) law = laws_[index(law)];
     }
-    if (!geometry_.some_reach_top(laws, *part.item, cell, kSame)) return false;
+    if (!geometry_.some_reach_top(laws, *part.item, cell, same_)) return false;
   }
   for (Part& part : parts_) {
     for (const std::vector<int>& term : terms) {
@@ -212,6 +212,7 @@ std::optional<LatticeLeaf> LatticeFitter::fit(const std::vector<CellItem>& items
                                               const std::vector<CellItem>& bounds, const Cell& cell,
                                               const LatticeLimits& limits) {
   hints_.clear();
+  same_ = limits.same;
   collect(items, bounds);
   if (static_cast<int>(laws_.size()) > limits.pieces) return std::nullopt;
   LatticeLeaf leaf;

@@ -26,13 +26,14 @@ int lattice_rows(const LatticeLeaf& leaf);
 struct LatticeLimits {
   int pieces = 24;
   int rows = 12;
+  /// Difference that counts as none, of the output's range.
+  double same = 1e-9;
 };
 
 class LatticeFitter {
  public:
-  /// Difference that counts as none, of the output's range. Regions of different laws overlap by
-  /// the rounding of their facets; on such slivers the second figure holds.
-  static constexpr double kSame = 1e-9;
+  /// Regions of different laws overlap by the rounding of their facets; on such slivers this
+  /// difference counts as none.
   static constexpr double kSameOnSliver = 1e-7;
 
   LatticeFitter(const LawPartition& partition, CellGeometry& geometry)
@@ -69,6 +70,7 @@ class LatticeFitter {
 
   const LawPartition& partition_;
   CellGeometry& geometry_;
+  double same_ = 0.0;
   std::vector<int> laws_;
   std::vector<Part> parts_;
   std::vector<Hyperplane> hints_;
