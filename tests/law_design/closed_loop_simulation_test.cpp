@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "control/reference_joint.hpp"
+#include "rig_data.hpp"
 
 namespace eampc::law_design {
 namespace {
@@ -13,18 +14,7 @@ namespace {
 TEST(ClosedLoopSimulation, ArmsAsARunOnTheBusAndTracksWithoutOffset) {
   control::ReferenceJoint joint = control::reference_joint();
   control::connect(joint);
-  PlantParameters plant;
-  plant.moment_of_inertia_kg_m2 = 0.05;
-  plant.viscous_damping_N_m_s_rad = 0.5;
-  plant.gear_radius_m = 0.025;
-  plant.k1_N_per_MPa = 10000.0;
-  plant.k2_N_per_MPa = -7500.0;
-  plant.k3_N_per_MPa = 1600.0;
-  plant.initial_contraction_ratio = 0.1;
-  plant.initial_length_m = 0.2;
-  plant.pressure_gain_MPa_per_V = 0.09;
-  plant.max_V = 10.0;
-  plant.valve_time_constant_s = 0.03;
+  PlantParameters plant = reference_plant();
   plant.disturbance = {{DisturbanceKind::kStep, 20.0, 0.0, 1.0}};
   RunPlan plan;
   plan.duration_s = 4.0;

@@ -7,26 +7,17 @@
 #include "control/encoder_codec.hpp"
 #include "control/reference_joint.hpp"
 #include "control/valve_codec.hpp"
+#include "rig_data.hpp"
 
 namespace eampc::law_design {
 namespace {
 
 constexpr double kPeriod_s = 0.005;
 
-// The reference rig's numbers.
-PlantParameters reference_plant() {
-  PlantParameters plant;
-  plant.moment_of_inertia_kg_m2 = 0.05;
-  plant.viscous_damping_N_m_s_rad = 0.5;
-  plant.gear_radius_m = 0.025;
-  plant.k1_N_per_MPa = 10000.0;
-  plant.k2_N_per_MPa = -7500.0;
-  plant.k3_N_per_MPa = 1600.0;
-  plant.initial_contraction_ratio = 0.1;
-  plant.initial_length_m = 0.2;
-  plant.pressure_gain_MPa_per_V = 0.09;
-  plant.min_V = 0.0;
-  plant.max_V = 10.0;
+// The reference rig with ideal valves.
+PlantParameters ideal_plant() {
+  PlantParameters plant = reference_plant();
+  plant.valve_time_constant_s = 0.0;
   return plant;
 }
 
@@ -48,7 +39,7 @@ class SimulatedJointTest : public testing::Test {
 
 // Without muscles a constant d is free fall: θ = ½ d t², θ̇ = d t; RK4 is exact on it.
 TEST_F(SimulatedJointTest, FreeFall) {
-  PlantParameters plant = reference_plant();
+  PlantParameters plant = ideal_plant();
   plant.k1_N_per_MPa = plant.k2_N_per_MPa = plant.k3_N_per_MPa = 0.0;
   plant.viscous_damping_N_m_s_rad = 0.0;
   plant.disturbance = {{DisturbanceKind::kConstant, 3.0}};
@@ -61,7 +52,7 @@ TEST_F(SimulatedJointTest, FreeFall) {
 // At θ = 0: (F1 − F2) r = (P1 − P2)(100 − 750 + 1600) r = 0.09·4·950·0.025 = 8.55 N m for 7 V and 3
 // V.
 TEST_F(SimulatedJointTest, TorqueByHand) {
-  PlantParameters plant = reference_plant();
+  PlantParameters plant = ideal_plant();
   plant.hold_until_start = true;
   SimulatedJoint joint(plant, kPeriod_s);
   advance(joint, 7.0, 3.0, 1, true, -1.0);
@@ -70,7 +61,7 @@ TEST_F(SimulatedJointTest, TorqueByHand) {
 }
 
 TEST_F(SimulatedJointTest, TheValvesLagIsFirstOrderAndExact) {
-  PlantParameters plant = reference_plant();
+  PlantParameters plant = ideal_plant();
   plant.valve_time_constant_s = 0.03;
   plant.hold_until_start = true;
   SimulatedJoint joint(plant, kPeriod_s);
@@ -80,13 +71,13 @@ TEST_F(SimulatedJointTest, TheValvesLagIsFirstOrderAndExact) {
 }
 
 TEST_F(SimulatedJointTest, WithoutTheEnableBitTheNodeIsSafe) {
-  SimulatedJoint joint(reference_plant(), kPeriod_s);
+  SimulatedJoint joint(ideal_plant(), kPeriod_s);
   advance(joint, 8.0, 2.0, 1, false);
   EXPECT_EQ(joint.state().pressure1_MPa, 0.0);
 }
 
 TEST_F(SimulatedJointTest, DisturbanceTermsByHand) {
-  PlantParameters plant = reference_plant();
+  PlantParameters plant = ideal_plant();
   plant.initial_angle_rad = 0.5;
   plant.initial_velocity_rad_s = 0.25;
   plant.disturbance = {{DisturbanceKind::kStep, 1.0, 0.0, 1.0},
@@ -102,7 +93,7 @@ TEST_F(SimulatedJointTest, DisturbanceTermsByHand) {
 }
 
 TEST_F(SimulatedJointTest, TheEncoderQuantisesAndCounts) {
-  PlantParameters plant = reference_plant();
+  PlantParameters plant = ideal_plant();
   plant.initial_angle_rad = 0.25;
   SimulatedJoint joint(plant, kPeriod_s);
   control::EncoderCodec codec(config_.encoder);
@@ -116,7 +107,7 @@ TEST_F(SimulatedJointTest, TheEncoderQuantisesAndCounts) {
 }
 
 TEST_F(SimulatedJointTest, EqualSeedsGiveEqualNoise) {
-  PlantParameters plant = reference_plant();
+  PlantParameters plant = ideal_plant();
   plant.encoder_noise_rad = 0.01;
   SimulatedJoint first(plant, kPeriod_s);
   SimulatedJoint second(plant, kPeriod_s);

@@ -13,6 +13,7 @@
 #include "law_design/joint_integrator.hpp"
 #include "law_design/mpqp.hpp"
 #include "law_design/trial_generator.hpp"
+#include "rig_data.hpp"
 
 namespace eampc::law_design {
 namespace {
@@ -23,18 +24,7 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi;
 // The reference rig's numbers and its tolerances by hand.
 Campaign reference_campaign() {
   Campaign campaign;
-  PlantParameters& plant = campaign.nominal;
-  plant.moment_of_inertia_kg_m2 = 0.05;
-  plant.viscous_damping_N_m_s_rad = 0.5;
-  plant.gear_radius_m = 0.025;
-  plant.k1_N_per_MPa = 10000.0;
-  plant.k2_N_per_MPa = -7500.0;
-  plant.k3_N_per_MPa = 1600.0;
-  plant.initial_contraction_ratio = 0.1;
-  plant.initial_length_m = 0.2;
-  plant.pressure_gain_MPa_per_V = 0.09;
-  plant.max_V = 10.0;
-  plant.valve_time_constant_s = 0.03;
+  campaign.nominal = reference_plant();
   campaign.tolerances = {0.2, 0.2, 0.2, 0.5, 0.5};
   campaign.ranges = {60.0, 200.0, 0.5, 1.5, 0.8, 0.6, 2.0, 5e-5, 5e-4};
   campaign.angle_bound_rad = 1.0;
