@@ -4,11 +4,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
+from ready_rigs import LAWS, ROOT
 
-ROOT = Path(__file__).parents[2]
 Eampc = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -17,7 +16,7 @@ def eampc_environment() -> dict[str, str]:
     """Laws are kept in the build folder: one design serves all tests, those on vcan0 too."""
     return {
         **os.environ,
-        "XDG_CACHE_HOME": str(ROOT / "build" / "test-cache"),
+        "XDG_CACHE_HOME": str(LAWS),
         "COLUMNS": "100",
         "NO_COLOR": "1",
     }
