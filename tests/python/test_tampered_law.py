@@ -22,6 +22,14 @@ def law() -> Law:
     return law_of("paper-case2", "theorem")
 
 
+@pytest.fixture(scope="module")
+def tree() -> Law:
+    law = law_of("paper-case2", "tracking")
+    assert law.tables.kind == "tree"
+    assert len(law.tables.node_planes) > 0
+    return law
+
+
 def reloaded(law: Law, folder: Path, change: Any) -> Law:
     payload = copy.deepcopy(dict(law.payload))
     change(payload["law"])
@@ -94,26 +102,37 @@ def test_a_region_listed_twice_or_with_another_active_set_is_not_proved(
         assert not certify(reloaded(law, tmp_path, flip)).proved, region
 
 
-def test_a_wrong_child_is_not_proved(law: Law, tmp_path: Path) -> None:
-    children = law.payload["law"]["evaluator"]["node_children"]
-    root = law.payload["law"]["evaluator"]["root"]
+def test_a_wrong_child_is_not_proved(tree: Law, tmp_path: Path) -> None:
+    children = tree.payload["law"]["evaluator"]["node_children"]
+    root = tree.payload["law"]["evaluator"]["root"]
     assert children[root, 0] != children[root, 7]
 
     def change(section: dict[str, Any]) -> None:
         codes = section["evaluator"]["node_children"]
         codes[root, [0, 7]] = codes[root, [7, 0]]
 
-    assert not certify(reloaded(law, tmp_path, change)).proved
+    assert not certify(reloaded(tree, tmp_path, change)).proved
 
 
-def test_a_wrong_plane_sign_is_not_proved(law: Law, tmp_path: Path) -> None:
-    evaluator = law.payload["law"]["evaluator"]
-    plane = evaluator["node_planes"][evaluator["root"], 0]
+def test_exchanged_leaves_of_a_flat_law_are_not_proved(law: Law, tmp_path: Path) -> None:
+    assert law.tables.kind == "flat"
 
     def change(section: dict[str, Any]) -> None:
-        section["evaluator"]["hyperplanes"][plane] *= -1.0
+        for name in ("leaf_bits", "leaf_care"):
+            leaves = section["evaluator"][name]
+            leaves[[0, -1]] = leaves[[-1, 0]]
 
     assert not certify(reloaded(law, tmp_path, change)).proved
+
+
+def test_a_wrong_plane_sign_is_not_proved(law: Law, tree: Law, tmp_path: Path) -> None:
+    evaluator = tree.payload["law"]["evaluator"]
+    for of, plane in ((law, 0), (tree, evaluator["node_planes"][evaluator["root"], 0])):
+
+        def change(section: dict[str, Any], plane: int = plane) -> None:
+            section["evaluator"]["hyperplanes"][plane] *= -1.0
+
+        assert not certify(reloaded(of, tmp_path, change)).proved, of
 
 
 def test_the_command_tells_proved_from_not_proved_and_from_bad_input(
