@@ -117,7 +117,7 @@ def _facts(law: Law, model: Any, estimator: Any, valve: Any) -> Table:
             f"{valve['max_V']:g} V, safe at {valve['safe_V']:g} V",
         ),
         (
-            "search",
+            "evaluator",
             f"{s['regions']} critical regions, {s['pieces']} pieces; {_evaluator(law)}; "
             f"{len(law.to_bytes()) / 1000:.1f} kB",
         ),
