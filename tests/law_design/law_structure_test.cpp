@@ -129,5 +129,14 @@ TEST(LawStructure, RefusesAnOutputThatMakesNoSense) {
   EXPECT_THROW(build_law_structure(solution, output), std::invalid_argument);
 }
 
+// Cells without any region would look like parameters without a solution.
+TEST(LawStructure, RefusesASolutionWithoutItsSaturatedRegions) {
+  const MpQp problem = benchmark_p5(10, 2.0);
+  MpQpOptions options;
+  options.output = first_input(problem, 4.0);
+  EXPECT_THROW(build_law_structure(solve_mpqp(problem, options), *options.output),
+               std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace eampc::law_design

@@ -15,6 +15,8 @@ using Kind = FacetWalkResult::Kind;
 constexpr int kDeepest = 24;
 // Coefficients of a dependent row below this count as zero.
 constexpr double kZero = 1e-10;
+// Unit planes that differ by less are the same.
+constexpr double kCoincident = 1e-10;
 
 std::size_t index(Index i) { return static_cast<std::size_t>(i); }
 
@@ -269,8 +271,48 @@ void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<
   result.gaps.push_back(gap);
 }
 
+// Inactive rows that become active on the same plane as `row`: where rows depend on each other, a
+// row may be the sum of another and of one that is active. Either describes what lies beyond.
+std::vector<int> FacetWalk::coincident(const CertifiedRegion& from, int row,
+                                       const ExtendedMatrix& forms) {
+  std::vector<int> rows;
+  if (holds(from.independent, row)) return rows;
+  const int np = problem_.parameters;
+  std::array<double, kMaxDimension + 1> form{}, mine{}, other{};
+  const auto plane_of = [&](Index k, std::array<double, kMaxDimension + 1>& plane) {
+    for (Index c = 0; c <= np; ++c) form[index(c)] = static_cast<double>(forms(k, c));
+    return unit_plane(form.data(), np, plane);
+  };
+  if (!plane_of(row, mine)) return rows;
+  for (int k = 0; k < problem_.rows; ++k) {
+    if (k == row || problem_.first_equal[index(k)] != k || holds(from.independent, k)) continue;
+    if (!plane_of(k, other)) continue;
+    double difference = 0.0;
+    for (Index c = 0; c <= np; ++c) {
+      difference = std::max(difference, std::abs(mine[index(c)] - other[index(c)]));
+    }
+    if (difference < kCoincident) rows.push_back(k);
+  }
+  return rows;
+}
+
 void FacetWalk::leave(const CertifiedRegion& from, int depth, int row, const Piece& piece,
                       FacetWalkResult& result) {
+  const FacetWalkResult before = result;
+  leave_by(from, depth, row, piece, result);
+  if (result.failure.empty()) return;
+  const ExtendedMatrix forms = certifier(depth).forms();
+  for (const int other : coincident(from, row, forms)) {
+    FacetWalkResult tried = before;
+    leave_by(from, depth, other, piece, tried);
+    if (!tried.failure.empty()) continue;
+    result = std::move(tried);
+    return;
+  }
+}
+
+void FacetWalk::leave_by(const CertifiedRegion& from, int depth, int row, const Piece& piece,
+                         FacetWalkResult& result) {
   RegionCertifier& here = certifier(depth);
   const ExtendedMatrix forms = here.forms();
   const int np = problem_.parameters;

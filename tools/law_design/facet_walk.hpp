@@ -70,6 +70,9 @@ class FacetWalk {
   double piece_radius(const Piece& piece);
   void leave(const CertifiedRegion& from, int depth, int row, const Piece& piece,
              FacetWalkResult& result);
+  void leave_by(const CertifiedRegion& from, int depth, int row, const Piece& piece,
+                FacetWalkResult& result);
+  std::vector<int> coincident(const CertifiedRegion& from, int row, const ExtendedMatrix& forms);
   void enter(const CertifiedRegion& from, int depth, const std::vector<int>& active, int entering,
              const Piece& piece, FacetWalkResult& result);
   void compare(const CertifiedRegion& from, const CertifiedRegion& to,

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <map>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -151,6 +152,10 @@ std::vector<LatticeLimits> limits_for(const LawPartition& partition) {
 LawStructure build_law_structure(const MpQpSolution& solution, const OutputLaw& output,
                                  const LawStructureOptions& options) {
   const auto start = std::chrono::steady_clock::now();
+  if (solution.statistics.saturated_active_sets > 0) {
+    throw std::invalid_argument(
+        "law structure: regions with a saturated output are missing; solve without `output`");
+  }
   const LawPartition partition = partition_by_law(solution, output);
   LawStructure result;
   result.regions = static_cast<int>(partition.regions.size());

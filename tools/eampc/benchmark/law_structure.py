@@ -41,9 +41,9 @@ def build_law(problem: BenchmarkProblem, threads: int = 1) -> BuiltLaw:
     output = _core.OutputLaw(
         problem.output_U, problem.output_p, problem.output_offset, problem.y_min, problem.y_max
     )
-    found = _core.solve_mpqp(**of._asdict(), output=output, threads=threads)
+    found = _core.solve_mpqp(**of._asdict(), threads=threads)
     before = time.process_time()
-    tables, _ = _core.build_law_tables(found, output)
+    tables, _ = _core.build_law_tables(found, output, threads=threads)
     done = time.process_time()
     return BuiltLaw(regions, tables, explored - started, done - before)
 
