@@ -42,7 +42,7 @@ def test_no_random_law_is_wrong(first: int) -> None:
         values = solution(p)[:, 0]
         p, values = p[~np.isnan(values)], values[~np.isnan(values)]
         # A range that clips some of it, so that saturated regions matter.
-        low, high = np.quantile(values, [0.1, 0.9]) + [-1e-3, 1e-3]
+        low, high = np.quantile(values, 0.1) - 1e-3, np.quantile(values, 0.9) + 1e-3
         output = first_input(problem, low, high)
         regions = _core.solve_mpqp(**problem._asdict(), threads=1)
         try:
@@ -63,6 +63,7 @@ def test_no_random_law_is_wrong(first: int) -> None:
         u, _ = _core.evaluate_tables(tables, np.ascontiguousarray(p))
         error = np.abs(np.clip(u, low, high) - np.clip(values, low, high)) / (high - low)
         assert error.max() <= TOLERANCE, f"seed {seed}: {error.max()} at {p[error.argmax()]}"
-    # Sums of rows give one solution several active sets; facets between those are not always matched.
+    # Sums of rows give one solution several active sets; facets between those are not always
+    # matched.
     assert len(REFUSED) <= max(3, SEEDS // 7), REFUSED
     assert all(REFUSED.values())
