@@ -31,7 +31,8 @@ EvaluatorCertificate certify_evaluator(const CertificateProblem& problem, const 
   }
   std::vector<std::unique_ptr<EvaluatorDescent>> descents;
   for (int t = 0; t < options.threads; ++t) {
-    descents.push_back(std::make_unique<EvaluatorDescent>(problem, tables, law, options.tolerance));
+    descents.push_back(std::make_unique<EvaluatorDescent>(problem, tables, law, options.tolerance,
+                                                          !options.programs_only));
   }
   std::vector<EvaluatorDescent::Result> parts(all.size());
   parallel_range(

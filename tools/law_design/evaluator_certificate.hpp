@@ -31,6 +31,7 @@ namespace eampc::law_design {
 struct EvaluatorOptions {
   double tolerance = 1e-9;  ///< of the output's range
   int threads = 1;
+  bool programs_only = false;  ///< without quick_leaf_proof.hpp
 };
 
 struct EvaluatorCertificate {
@@ -40,7 +41,7 @@ struct EvaluatorCertificate {
   double edge_error = 0.0;  ///< added within kSide of a hyperplane
   long cells = 0;           ///< pairs of a region and a leaf it reaches
   long wrong_cells = 0;     ///< of these, in error by more than the tolerance
-  /// Cells in error by more than the tolerance only at points that hold no ball of radius 1e-7,
+  /// Cells in error by more than the tolerance only at points that hold no ball of radius 1e-9,
   /// mostly where the list of regions leaves out flat ones: how many, bound, and largest ball.
   long slivers = 0;
   double sliver_error = 0.0, sliver_radius = 0.0;

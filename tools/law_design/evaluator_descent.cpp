@@ -1,7 +1,6 @@
 #include "law_design/evaluator_descent.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <utility>
@@ -18,60 +17,6 @@ AffineForm negative(AffineForm form) {
 
 }  // namespace
 
-DoubleArena::DoubleArena(int dimension)
-    : program(dimension), ball(dimension + 1), cell(dimension), rows(dimension) {
-  ball.set_bounds(dimension, -4.0, 2.0);
-}
-
-double DoubleArena::radius(const Form& form, double limit) {
-  const int n = rows.dimension();
-  HalfSpaces lifted(n + 1);
-  std::array<double, kMaxDimension + 1> a{};
-  const auto lift = [&](double offset) {
-    double norm = 0.0;
-    for (int j = 0; j < n; ++j) norm += a[index(j)] * a[index(j)];
-    norm = std::sqrt(norm);
-    if (norm == 0.0) return;
-    for (int j = 0; j < n; ++j) a[index(j)] /= norm;
-    a[index(n)] = 1.0;
-    lifted.append(a.data(), offset / norm);
-  };
-  const HalfSpaces* parts[] = {facets, &cell, &rows};
-  for (const HalfSpaces* part : parts) {
-    for (int i = 0; i < part->size(); ++i) {
-      part->copy_normal(i, a.data());
-      lift(part->offset(i));
-    }
-  }
-  for (int side = 0; side < 2 * n; ++side) {
-    a.fill(0.0);
-    a[index(side / 2)] = side % 2 == 0 ? 1.0 : -1.0;
-    lift(1.0);
-  }
-  for (int j = 0; j < n; ++j) a[index(j)] = -form[index(j)];
-  lift(form[index(n)] - limit);
-  a.fill(0.0);
-  a[index(n)] = 1.0;
-  const LpResult result = ball.maximise(a.data(), lifted);
-  if (result.status == LpStatus::kInfeasible) return 0.0;
-  return result.status == LpStatus::kOptimal ? std::max(result.value, 0.0) : 1.0;
-}
-
-void DoubleArena::add(const Form& form) {
-  Point normal{};
-  const int n = rows.dimension();
-  for (int j = 0; j < n; ++j) normal[index(j)] = -form[index(j)];
-  rows.append(normal.data(), form[index(n)]);
-}
-
-bool DoubleArena::below(const Form& form, double limit) {
-  const HalfSpaces* parts[] = {facets, &cell, &rows};
-  const double cutoff = limit - form[index(rows.dimension())];
-  const LpResult result = program.maximise(form.data(), parts, cutoff);
-  return result.status == LpStatus::kBelowCutoff || result.status == LpStatus::kInfeasible ||
-         (result.status == LpStatus::kOptimal && result.value <= cutoff);
-}
-
 bool ExtendedArena::below(const Form& form, long double limit) {
   std::vector<const ExtendedForm*> all;
   for (const auto* part : {&facets, &cell, &rows}) {
@@ -82,7 +27,7 @@ bool ExtendedArena::below(const Form& form, long double limit) {
 
 EvaluatorDescent::EvaluatorDescent(const CertificateProblem& problem,
                                    const service::LawTables& tables, const LawInTables& law,
-                                   double tolerance)
+                                   double tolerance, bool quick)
     : tables_(tables),
       law_(law),
       tolerance_(tolerance),
@@ -90,6 +35,8 @@ EvaluatorDescent::EvaluatorDescent(const CertificateProblem& problem,
       certifier_(problem),
       arena_(tables.n_parameters),
       extended_(tables.n_parameters),
+      quick_(tables, law.pieces, arena_, tolerance),
+      quick_used_(quick),
       mirrored_(tables.n_parameters) {}
 
 // max form·(q, 1) over the cell, from above.
@@ -193,7 +140,7 @@ void EvaluatorDescent::enter_plane(std::int32_t node, int at, unsigned path,
 
 void EvaluatorDescent::enter_tree(std::int32_t code, std::vector<Point> points) {
   if (code < 0) {
-    reach(~code);
+    reach(~code, points);
   } else {
     enter_plane(code, 0, 0U, std::move(points));
   }
@@ -208,7 +155,7 @@ void EvaluatorDescent::enter_flat(std::uint64_t known, std::uint64_t above,
     if ((tables_.leaf_bits[leaf] & ~care) != 0) continue;
     const std::uint64_t open = care & ~known;
     if (open == 0) {
-      reach(static_cast<int>(leaf));
+      reach(static_cast<int>(leaf), points);
       return;
     }
     const std::uint64_t bit = open & (~open + 1);
@@ -259,7 +206,6 @@ void EvaluatorDescent::load_extended() {
 }
 
 bool EvaluatorDescent::leaf_is_right(int leaf, double tolerance) {
-  arena_.facets = facets_;
   if (LeafProof<DoubleArena>(tables_, law_.pieces, arena_)
           .prove(leaf, output_, output_low_, output_high_, tolerance)) {
     return true;
@@ -271,8 +217,12 @@ bool EvaluatorDescent::leaf_is_right(int leaf, double tolerance) {
       .prove(leaf, extended_output_, output_low_, output_high_, tolerance);
 }
 
-void EvaluatorDescent::reach(int leaf) {
+void EvaluatorDescent::reach(int leaf, const std::vector<Point>& points) {
   ++result_.cells;
+  if (quick_used_ && quick_.prove(leaf, points)) {
+    result_.error = std::max(result_.error, tolerance_);
+    return;
+  }
   double error = tolerance_;
   while (error < 1.0 && !leaf_is_right(leaf, error)) error *= 10.0;
   error = std::min(error, 1.0);
@@ -293,6 +243,7 @@ void EvaluatorDescent::reach(int leaf) {
 
 void EvaluatorDescent::start(const HalfSpaces& facets, const AffineForm& output) {
   facets_ = &facets;
+  arena_.facets = facets_;
   output_ = output;
   std::vector<Point> points;
   AffineForm axis{};
@@ -315,6 +266,7 @@ void EvaluatorDescent::start(const HalfSpaces& facets, const AffineForm& output)
   }
   output_high_ = support(output_);
   output_low_ = -support(negative(output_));
+  quick_.start(output_, output_low_, output_high_, lower_, upper_, points);
   if (tables_.flat) {
     enter_flat(0, 0, std::move(points));
   } else {

@@ -5,33 +5,18 @@
 #include <vector>
 
 #include "law_design/certificate_problem.hpp"
+#include "law_design/double_arena.hpp"
 #include "law_design/extended_program.hpp"
 #include "law_design/law_in_tables.hpp"
 #include "law_design/leaf_proof.hpp"
 #include "law_design/linear_program.hpp"
+#include "law_design/quick_leaf_proof.hpp"
 #include "law_design/region_certificate.hpp"
 #include "service/law_tables.hpp"
 
 namespace eampc::law_design {
 
-/// P = facets ∩ cell, and rows added to it, in doubles. See leaf_proof.hpp.
-struct DoubleArena {
-  using Form = AffineForm;
-  explicit DoubleArena(int dimension);
-  int size() const { return rows.size(); }
-  void cut(int size) {
-    while (rows.size() > size) rows.pop();
-  }
-  void add(const Form& form);
-  bool below(const Form& form, double limit);
-  double radius(const Form& form, double limit);
-
-  LinearProgram program, ball;
-  const HalfSpaces* facets = nullptr;
-  HalfSpaces cell, rows;
-};
-
-/// The same in extended precision.
+/// The arena in extended precision.
 struct ExtendedArena {
   using Form = ExtendedForm;
   explicit ExtendedArena(int dimension) : program(dimension) {}
@@ -49,11 +34,11 @@ class EvaluatorDescent {
   /// A region that reaches less than this beyond a hyperplane is on one side of it.
   static constexpr double kSide = 2e-11;
   /// Where the points in error hold no ball of this radius, the error may be kSliverError.
-  static constexpr double kSliver = 1e-7;
-  static constexpr double kSliverError = 1e-2;
+  static constexpr double kSliver = 1e-9;
+  static constexpr double kSliverError = 1e-6;
 
   EvaluatorDescent(const CertificateProblem& problem, const service::LawTables& tables,
-                   const LawInTables& law, double tolerance);
+                   const LawInTables& law, double tolerance, bool quick);
 
   struct Result {
     long cells = 0;
@@ -74,7 +59,7 @@ class EvaluatorDescent {
   void enter_tree(std::int32_t code, std::vector<Point> points);
   void enter_plane(std::int32_t node, int at, unsigned path, std::vector<Point> points);
   void enter_flat(std::uint64_t known, std::uint64_t above, std::vector<Point> points);
-  void reach(int leaf);
+  void reach(int leaf, const std::vector<Point>& points);
   /// Bit 0: has points below the plane; bit 1: above. Adds the points it finds.
   unsigned sides(const double* normal, double offset, std::vector<Point>& points);
   template <typename Go>
@@ -90,6 +75,8 @@ class EvaluatorDescent {
   RegionCertifier certifier_;
   DoubleArena arena_;
   ExtendedArena extended_;
+  QuickLeafProof quick_;
+  bool quick_used_;
   std::vector<ExtendedForm> extended_cell_;
   ExtendedForm extended_output_{};
   bool extended_loaded_ = false;

@@ -80,6 +80,7 @@ LawCertificate certify_law(const MpQp& given, const OutputLaw& output,
     EvaluatorOptions evaluator;
     evaluator.tolerance = options.limits.law_error;
     evaluator.threads = threads;
+    evaluator.programs_only = options.programs_only;
     result.evaluator =
         certify_evaluator(problem, output, *tables, result.regions.regions,
                           result.coverage.gap_regions, evaluator, part_of(options, "evaluator"));

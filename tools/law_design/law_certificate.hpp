@@ -26,7 +26,8 @@ struct CertificateLimits {
 struct LawCertificateOptions {
   CertificateLimits limits;
   bool infeasible_allowed = false;
-  int threads = 0;  ///< 0: as many as the machine runs at once
+  int threads = 0;             ///< 0: as many as the machine runs at once
+  bool programs_only = false;  ///< see EvaluatorOptions
   /// Called with (part, done, of all); false cancels.
   std::function<bool(const char*, int, int)> progress;
 };

@@ -41,17 +41,25 @@ class LeafProof {
 
   /// True if proved. The law `own` lies between `low` and `high` on P.
   bool prove(int leaf, const Form& own, Real low, Real high, Real tolerance) {
-    own_ = own;
-    const int first = tables_.leaf_first[at(leaf)];
-    const int last = tables_.leaf_first[at(leaf + 1)];
     if (low < 1 - tolerance) {
-      for (int term = first; term < last; ++term) {
-        if (too_high(term, tolerance)) return false;
+      for (int term = tables_.leaf_first[at(leaf)]; term < tables_.leaf_first[at(leaf + 1)];
+           ++term) {
+        if (!not_too_high(term, own, tolerance)) return false;
       }
     }
+    return not_too_low(leaf, own, high, tolerance);
+  }
+
+  bool not_too_high(int term, const Form& own, Real tolerance) {
+    own_ = own;
+    return !too_high(term, tolerance);
+  }
+
+  bool not_too_low(int leaf, const Form& own, Real high, Real tolerance) {
     if (high <= tolerance) return true;
+    own_ = own;
     std::vector<int> terms;
-    for (int term = first; term < last; ++term) {
+    for (int term = tables_.leaf_first[at(leaf)]; term < tables_.leaf_first[at(leaf + 1)]; ++term) {
       bool same = true;
       for (int i = begin(term); i < begin(term + 1); ++i) same = same && is_own(i, tolerance);
       if (same) return true;
