@@ -9,7 +9,10 @@
 // that every path (scalar, 128-bit, AVX2, AVX-512) gives the same bits:
 //   normal·p: products summed in adjacent pairs, level by level, an odd one carried
 //   piece:    the same over (offset, gain_1 p_1, …, gain_np p_np)
-// Eight hyperplanes or pieces stand side by side in memory, one per lane; unused lanes repeat.
+// Eight hyperplanes stand side by side in memory, one per lane; unused lanes repeat. So do the
+// pieces of a leaf that is a max or a min of pieces. Any other leaf names its pieces in one table
+// that all leaves share and that stays in a near cache: each piece is evaluated once, then lanes
+// are terms that look up their pieces' values.
 // Cost bound: `depth` nodes or all hyperplanes, then one leaf (service::evaluation_cost); no other
 // loop. Absent on purpose: clipping, clamping p onto the parameter box, finite checks (the caller
 // does all three), allocation, any check of the tables (done when they are packed).
@@ -31,15 +34,20 @@ struct LawValue {
   std::int32_t piece;  ///< -1, with u = NaN, if p is NaN or no leaf matches
 };
 
-// Rows of a leaf with several literals per term: lanes are terms, rows their pieces.
+// A leaf of several terms of several pieces, 64-byte aligned: this, then the numbers of its pieces,
+// eight per row, the last one repeated to fill the row, then every eight terms: the length of the
+// longest (8 bytes), and for each place in a term eight bytes, which of the leaf's pieces stands
+// there in each term. A short term repeats its last piece, the last term fills up.
 struct PackedLeaf {
-  std::uint32_t first_row = 0;
-  std::uint32_t first_group = 0;
-  std::uint32_t groups = 0;  ///< of eight terms each
-  bool negated = false;
+  static constexpr std::size_t kMostPieces = 256;
+  static constexpr std::size_t kBytes = 64;  ///< the unit in which LeafCode counts
+
+  std::uint32_t rows = 0;    ///< of eight pieces
+  std::uint32_t groups = 0;  ///< of eight terms
 };
 
-// Code of a leaf whose terms have one piece each, or of one term (stored negated, min a = −max −a).
+// Where a leaf stands. Terms of one piece each, or one term (stored negated, min a = −max −a): its
+// rows of pieces. Any other leaf has no groups and its PackedLeaf instead of rows.
 struct LeafCode {
   static constexpr int kGroupBits = 4;
   static constexpr std::uint32_t kMostGroups = (1U << kGroupBits) - 1;
@@ -60,10 +68,9 @@ struct PackedLaw {
   int n_parameters = 0;
   int depth = 0;          ///< most nodes on a path
   std::int32_t root = 0;  ///< a child as below
-  int most_groups = 0;    ///< rows of the largest leaf, if every term has one piece
+  int most_groups = 0;    ///< rows of the largest leaf that is a max or a min
   /// Nodes of (np+2)·64 bytes: np rows of eight normals, eight offsets, eight children (int32). A
-  /// child ≥ 0 is the byte at which a node begins, a child < 0 is a leaf: ~child is its LeafCode,
-  /// or with `leaves` its number.
+  /// child ≥ 0 is the byte at which a node begins, a child < 0 is a leaf: ~child is its LeafCode.
   std::span<const std::byte> nodes;
   /// Flat: rows of eight hyperplanes, np normals and an offset each.
   std::span<const double> planes;
@@ -73,9 +80,10 @@ struct PackedLaw {
   /// Rows of eight pieces: eight offsets, np rows of eight gains; and their numbers.
   std::span<const double> rows;
   std::span<const std::int32_t> row_pieces;
-  /// Only if some leaf has terms of several pieces.
-  std::span<const PackedLeaf> leaves;
-  std::span<const std::uint32_t> group_rows;
+  /// Only if some leaf has several terms of several pieces: PackedLeaf, and every piece as offset,
+  /// gains, and −0 up to piece_stride numbers.
+  std::span<const std::byte> leaves;
+  std::span<const double> pieces;
   /// Empty, or np numbers: where fold·p < 0 the law is −law(−p).
   std::span<const double> fold;
 };
@@ -86,6 +94,11 @@ inline LawValue evaluate(const PackedLaw& law, const double* p) noexcept {
 }
 
 enum class EvaluationPath : std::uint8_t { kBest, kScalar, kVector128, kAvx2, kAvx512 };
+
+/// Numbers from one piece to the next in PackedLaw::pieces: whole 64-byte lines.
+constexpr std::size_t piece_stride(std::size_t n_parameters) {
+  return (n_parameters + kLanes) / kLanes * kLanes;
+}
 
 struct LawShape {
   bool flat = false;

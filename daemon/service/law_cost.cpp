@@ -45,21 +45,29 @@ std::int64_t tree_cost(const LawTables& t, std::int64_t node_cost) {
 
 }  // namespace
 
-// As packed: eight terms side by side, the longest of the eight decides.
+// As packed.
 std::int64_t leaf_cost(const LawTables& t, std::size_t leaf) {
   const std::int64_t piece = 2 * std::int64_t{t.n_parameters} + 1;
+  const std::int32_t first = t.leaf_first[leaf];
+  const std::int32_t last = t.leaf_first[leaf + 1];
+  const auto begin = t.term_pieces.begin() + t.term_first[static_cast<std::size_t>(first)];
+  const auto end = t.term_pieces.begin() + t.term_first[static_cast<std::size_t>(last)];
+  const std::int64_t named = end - begin;
+  const std::int64_t terms = last - first;
+  constexpr std::int64_t kMostOfRows = control::LeafCode::kMostGroups * kLanes;
+  if ((terms == 1 || terms == named) && named <= kMostOfRows) return padded(named) * piece;
+  std::vector<std::int32_t> pieces(begin, end);
+  std::sort(pieces.begin(), pieces.end());
+  pieces.erase(std::unique(pieces.begin(), pieces.end()), pieces.end());
   std::vector<std::int64_t> lengths;
-  for (auto term = static_cast<std::size_t>(t.leaf_first[leaf]);
-       term < static_cast<std::size_t>(t.leaf_first[leaf + 1]); ++term) {
+  for (auto term = static_cast<std::size_t>(first); term < static_cast<std::size_t>(last); ++term) {
     lengths.push_back(t.term_first[term + 1] - t.term_first[term]);
   }
-  if (lengths.size() == 1) return padded(lengths.front()) * piece;
   std::sort(lengths.rbegin(), lengths.rend());
-  std::int64_t rows = 0;
-  for (std::size_t first = 0; first < lengths.size(); first += control::kLanes) {
-    rows += lengths[first];
-  }
-  return rows * kLanes * piece;
+  const std::int64_t line = std::max<std::int64_t>(kLanes, t.n_parameters + 1);
+  std::int64_t lattice = padded(static_cast<std::int64_t>(pieces.size())) * 2 * line;
+  for (std::size_t k = 0; k < lengths.size(); k += control::kLanes) lattice += kLanes * lengths[k];
+  return std::max(lattice, named * piece);
 }
 
 std::int64_t evaluation_cost(const LawTables& t) {

@@ -4,6 +4,10 @@
 // included, so that no path (scalar, SIMD, generated C) does more:
 //   hyperplane  2 np        np products, np − 1 sums, one comparison
 //   piece       2 np + 1    np products, np sums, one comparison within its leaf
+//   lattice     a leaf of several terms of several pieces: each piece once, as a line of 8 numbers
+//               (np = 8: 9), so 8 products, 7 sums, one comparison with u; then one comparison for
+//               each piece of each term, eight terms side by side. Or, if that is more, a piece as
+//               above for each piece of each term: generated C goes through them one by one
 //   node        8 hyperplanes + 1 for the way out; flat: all hyperplanes + 2 per leaf tried
 //   fold        3 np + 1    np products, np − 1 sums, one comparison, np signs, one sign of u
 // In instructions, on the scalar path of x86-64: two per operation and 150 for the call. Measured

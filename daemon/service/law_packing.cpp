@@ -5,6 +5,7 @@
 #include <cstring>
 #include <map>
 #include <new>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <utility>
@@ -15,51 +16,55 @@ namespace {
 
 using control::kLanes;
 using control::LeafCode;
+using control::PackedLeaf;
 
 constexpr std::align_val_t kLine{64};
+constexpr std::size_t kMostBytes = std::size_t{1} << 30;
 
-// A leaf as terms, each a list of pieces; negated: −max over terms of (min of −piece).
-struct Leaf {
-  std::vector<std::vector<std::int32_t>> terms;
-  bool negated = false;
+using Terms = std::vector<std::vector<std::int32_t>>;
 
-  bool single_pieces() const {
-    return std::all_of(terms.begin(), terms.end(), [](const auto& t) { return t.size() == 1; });
+std::size_t rows_of(std::size_t count) { return (count + kLanes - 1) / kLanes; }
+
+Terms terms_of(const LawTables& tables, std::size_t leaf) {
+  Terms terms;
+  for (auto t = static_cast<std::size_t>(tables.leaf_first[leaf]);
+       t < static_cast<std::size_t>(tables.leaf_first[leaf + 1]); ++t) {
+    terms.emplace_back(tables.term_pieces.begin() + tables.term_first[t],
+                       tables.term_pieces.begin() + tables.term_first[t + 1]);
   }
-  std::size_t groups() const { return (terms.size() + kLanes - 1) / kLanes; }
-  auto operator<=>(const Leaf&) const = default;
+  return terms;
+}
+
+// A leaf that is a max or a min of pieces: min over pieces = −max over pieces of −piece.
+struct Largest {
+  std::vector<std::int32_t> pieces;
+  bool negated = false;
 };
 
-// min over pieces = −max over pieces of −piece: a leaf of one term becomes one of one-piece terms.
-Leaf leaf_of(const LawTables& tables, std::size_t k) {
-  Leaf leaf;
-  for (auto t = static_cast<std::size_t>(tables.leaf_first[k]);
-       t < static_cast<std::size_t>(tables.leaf_first[k + 1]); ++t) {
-    leaf.terms.emplace_back(tables.term_pieces.begin() + tables.term_first[t],
-                            tables.term_pieces.begin() + tables.term_first[t + 1]);
+std::optional<Largest> as_largest(const Terms& terms) {
+  if (terms.size() == 1) return Largest{terms.front(), terms.front().size() > 1};
+  Largest largest;
+  for (const auto& term : terms) {
+    if (term.size() > 1) return std::nullopt;
+    largest.pieces.push_back(term.front());
   }
-  if (leaf.terms.size() == 1 && leaf.terms.front().size() > 1) {
-    const std::vector<std::int32_t> pieces = std::move(leaf.terms.front());
-    leaf.terms.clear();
-    for (const std::int32_t piece : pieces) leaf.terms.push_back({piece});
-    leaf.negated = true;
-  }
-  // Eight terms of about the same length stand together.
-  std::stable_sort(leaf.terms.begin(), leaf.terms.end(),
-                   [](const auto& a, const auto& b) { return a.size() > b.size(); });
-  return leaf;
+  return largest;
+}
+
+bool is_lattice(const Terms& terms) {
+  const auto largest = as_largest(terms);
+  return !largest || rows_of(largest->pieces.size()) > LeafCode::kMostGroups;
 }
 
 class Packer {
  public:
   explicit Packer(const LawTables& tables)
       : tables_(tables), np_(static_cast<std::size_t>(tables.n_parameters)) {
-    std::vector<Leaf> leaves;
-    for (std::size_t k = 0; k < tables.n_leaves(); ++k) leaves.push_back(leaf_of(tables, k));
-    general_ = std::any_of(leaves.begin(), leaves.end(), [](const Leaf& leaf) {
-      return !leaf.single_pieces() || leaf.groups() > LeafCode::kMostGroups;
-    });
-    for (const Leaf& leaf : leaves) leaf_codes_.push_back(code_of(leaf));
+    std::vector<Terms> leaves;
+    for (std::size_t k = 0; k < tables.n_leaves(); ++k) leaves.push_back(terms_of(tables, k));
+    general_ = std::any_of(leaves.begin(), leaves.end(), is_lattice);
+    if (general_) pack_pieces();
+    for (const Terms& terms : leaves) leaf_codes_.push_back(code_of(terms));
     if (tables.flat) {
       pack_flat();
     } else {
@@ -86,7 +91,7 @@ class Packer {
     copy(matches_, law.matches);
     if (tables_.flat) copy(leaf_codes_, law.flat_leaves);
     copy(leaves_, law.leaves);
-    copy(group_rows_, law.group_rows);
+    copy(pieces_, law.pieces);
     copy(rows_, law.rows);
     copy(row_pieces_, law.row_pieces);
     const bool folds =
@@ -107,37 +112,27 @@ class Packer {
     return static_cast<std::int32_t>(static_cast<std::size_t>(code) * node_bytes());
   }
 
-  std::uint32_t code_of(const Leaf& leaf) {
-    const auto [known, is_new] = codes_.try_emplace(leaf, 0);
-    if (!is_new) return known->second;
-    const std::size_t first_row = row_pieces_.size() / kLanes;
-    const std::size_t first_group = group_rows_.size();
-    for (std::size_t first = 0; first < leaf.terms.size(); first += kLanes) add_group(leaf, first);
-    if (row_pieces_.size() / kLanes >= LeafCode::kMostRows) {
-      throw std::invalid_argument("the law's leaves hold too many pieces to be packed");
-    }
-    const auto row = static_cast<std::uint32_t>(first_row);
-    const auto groups = static_cast<std::uint32_t>(leaf.groups());
-    most_groups_ = std::max(most_groups_, static_cast<int>(groups));
-    if (general_) {
-      known->second = static_cast<std::uint32_t>(leaves_.size());
-      leaves_.push_back({row, static_cast<std::uint32_t>(first_group), groups, leaf.negated});
-    } else {
-      known->second = LeafCode::of(row, groups, leaf.negated);
+  std::uint32_t code_of(const Terms& terms) {
+    const auto [known, is_new] = codes_.try_emplace(terms, 0);
+    if (is_new) {
+      known->second = is_lattice(terms) ? add_lattice(terms) : add_rows(*as_largest(terms));
     }
     return known->second;
   }
 
-  // Eight terms from `first` on; a short term repeats its last piece, the last term fills up.
-  void add_group(const Leaf& leaf, std::size_t first) {
-    const std::size_t rows = leaf.terms[first].size();
-    for (std::size_t row = 0; row < rows; ++row) {
+  // Eight pieces per row; the last one fills up.
+  std::uint32_t add_rows(const Largest& leaf) {
+    const std::size_t first_row = row_pieces_.size() / kLanes;
+    const std::size_t rows = rows_of(leaf.pieces.size());
+    if (first_row + rows >= LeafCode::kMostRows) {
+      throw std::invalid_argument("the law's leaves hold too many pieces to be packed");
+    }
+    const double sign = leaf.negated ? -1.0 : 1.0;
+    for (std::size_t first = 0; first < leaf.pieces.size(); first += kLanes) {
       std::array<std::int32_t, kLanes> pieces{};
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
-        const auto& term = leaf.terms[std::min(first + lane, leaf.terms.size() - 1)];
-        pieces[lane] = term[std::min(row, term.size() - 1)];
+        pieces[lane] = leaf.pieces[std::min(first + lane, leaf.pieces.size() - 1)];
       }
-      const double sign = leaf.negated ? -1.0 : 1.0;
       for (const std::int32_t piece : pieces) {
         rows_.push_back(sign * tables_.piece_offset[static_cast<std::size_t>(piece)]);
       }
@@ -148,7 +143,59 @@ class Packer {
       }
       row_pieces_.insert(row_pieces_.end(), pieces.begin(), pieces.end());
     }
-    group_rows_.push_back(static_cast<std::uint32_t>(rows));
+    most_groups_ = std::max(most_groups_, static_cast<int>(rows));
+    return LeafCode::of(static_cast<std::uint32_t>(first_row), static_cast<std::uint32_t>(rows),
+                        leaf.negated);
+  }
+
+  void pack_pieces() {
+    for (std::size_t i = 0; i < tables_.n_pieces(); ++i) {
+      const double* gain = tables_.piece_gain.data() + i * np_;
+      pieces_.push_back(tables_.piece_offset[i]);
+      pieces_.insert(pieces_.end(), gain, gain + np_);
+      pieces_.resize((i + 1) * control::piece_stride(np_), -0.0);
+    }
+  }
+
+  // Eight terms of about the same length stand together.
+  std::uint32_t add_lattice(Terms terms) {
+    std::stable_sort(terms.begin(), terms.end(),
+                     [](const auto& a, const auto& b) { return a.size() > b.size(); });
+    std::vector<std::int32_t> pieces;
+    for (const auto& term : terms) pieces.insert(pieces.end(), term.begin(), term.end());
+    std::sort(pieces.begin(), pieces.end());
+    pieces.erase(std::unique(pieces.begin(), pieces.end()), pieces.end());
+    const PackedLeaf head = {static_cast<std::uint32_t>(rows_of(pieces.size())),
+                             static_cast<std::uint32_t>(rows_of(terms.size()))};
+    std::vector<unsigned char> index;
+    for (std::size_t first = 0; first < terms.size(); first += kLanes) {
+      const std::uint64_t longest = terms[first].size();
+      index.resize(index.size() + sizeof(longest));
+      std::memcpy(index.data() + index.size() - sizeof(longest), &longest, sizeof(longest));
+      for (std::size_t k = 0; k < longest; ++k) {
+        for (std::size_t lane = 0; lane < kLanes; ++lane) {
+          const auto& term = terms[std::min(first + lane, terms.size() - 1)];
+          const std::int32_t piece = term[std::min(k, term.size() - 1)];
+          const auto place = std::lower_bound(pieces.begin(), pieces.end(), piece);
+          index.push_back(static_cast<unsigned char>(place - pieces.begin()));
+        }
+      }
+    }
+    pieces.resize(head.rows * kLanes, pieces.back());
+    const std::size_t code = leaves_.size() / PackedLeaf::kBytes;
+    const auto append = [&](const void* from, std::size_t bytes) {
+      const auto* first = static_cast<const std::byte*>(from);
+      leaves_.insert(leaves_.end(), first, first + bytes);
+    };
+    append(&head, sizeof(head));
+    append(pieces.data(), pieces.size() * sizeof(pieces.front()));
+    append(index.data(), index.size());
+    leaves_.resize((leaves_.size() + PackedLeaf::kBytes - 1) / PackedLeaf::kBytes *
+                   PackedLeaf::kBytes);
+    if (code >= LeafCode::kMostRows) {
+      throw std::invalid_argument("the law's leaves hold too many pieces to be packed");
+    }
+    return LeafCode::of(static_cast<std::uint32_t>(code), 0, false);
   }
 
   // Eight hyperplanes side by side; −1 is one that every finite p is below of.
@@ -163,7 +210,7 @@ class Packer {
   }
 
   void pack_nodes() {
-    if (tables_.n_nodes() * node_bytes() > std::size_t{1} << 30) {
+    if (tables_.n_nodes() * node_bytes() > kMostBytes) {
       throw std::invalid_argument("the law's tree is too large to be packed");
     }
     nodes_.resize(tables_.n_nodes() * node_bytes());
@@ -205,14 +252,12 @@ class Packer {
   std::size_t np_;
   bool general_ = false;
   int most_groups_ = 0;
-  std::map<Leaf, std::uint32_t> codes_;
+  std::map<Terms, std::uint32_t> codes_;
   std::vector<std::uint32_t> leaf_codes_;
-  std::vector<std::byte> nodes_;
-  std::vector<double> planes_, rows_;
+  std::vector<std::byte> nodes_, leaves_;
+  std::vector<double> planes_, rows_, pieces_;
   std::vector<std::uint64_t> matches_;
   std::vector<std::int32_t> row_pieces_;
-  std::vector<control::PackedLeaf> leaves_;
-  std::vector<std::uint32_t> group_rows_;
 };
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <span>
 
 #include "control/point_location.hpp"
@@ -51,6 +52,17 @@ Defect numbers_defect(const LawTables& t) {
   return std::nullopt;
 }
 
+// Whether the leaf holds more different pieces than can be evaluated together.
+bool too_many_pieces(const LawTables& t, std::size_t leaf) {
+  const auto at = [&](std::size_t k) {
+    return t.term_pieces.begin() + t.term_first[static_cast<std::size_t>(t.leaf_first[k])];
+  };
+  if (static_cast<std::size_t>(at(leaf + 1) - at(leaf)) <= control::PackedLeaf::kMostPieces) {
+    return false;
+  }
+  return std::set<std::int32_t>(at(leaf), at(leaf + 1)).size() > control::PackedLeaf::kMostPieces;
+}
+
 Defect leaves_defect(const LawTables& t) {
   if (t.term_first.empty() || !cuts(t.term_first, t.term_pieces.size())) {
     return defect("evaluator.term_first",
@@ -62,6 +74,13 @@ Defect leaves_defect(const LawTables& t) {
   for (const std::int32_t piece : t.term_pieces) {
     if (piece < 0 || static_cast<std::size_t>(piece) >= t.n_pieces()) {
       return defect("evaluator.term_pieces", "names a piece that does not exist");
+    }
+  }
+  for (std::size_t leaf = 0; leaf < t.n_leaves(); ++leaf) {
+    if (too_many_pieces(t, leaf)) {
+      return defect("evaluator.term_pieces",
+                    "names more than the " + std::to_string(control::PackedLeaf::kMostPieces) +
+                        " different pieces that a leaf can hold, at leaf " + std::to_string(leaf));
     }
   }
   return std::nullopt;

@@ -63,7 +63,7 @@ TEST(LawTablesSection, AcceptsATreeAFlatEvaluatorAndALattice) {
               e["leaf_first"] = integers({0, 2});
               e["term_first"] = integers({0, 2, 3});
               e["term_pieces"] = integers({0, 1, 1});
-              e["worst_operations"] = 2 * 88;  // two rows: the longest of eight terms
+              e["worst_operations"] = 8 * 16 + 2 * 8;  // eight lines, two comparisons
             }),
             "");
 }
