@@ -63,7 +63,8 @@ class Parameter(NamedTuple):
 
 
 def design(rig: Rig, progress: Progress | None = None, certificate: bool = True) -> Law:
-    """Design the explicit law of a rig that `load_rig` read; the reference rig takes some 20 s.
+    """Design the explicit law of a rig that `load_rig` read; the reference rig takes some 10 s,
+    with its proof.
 
     With `certificate` the law is proved (see `eampc.certificate`), and refused if it cannot be.
     Raises DesignError, one sentence that says what stands in the way and what to change.
