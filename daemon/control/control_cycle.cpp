@@ -67,12 +67,11 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
   }
   const EncoderSample sample = encoder_codec_.decode(input.encoder_frame);
   const std::int32_t elapsed = elapsed_periods(sample);
-  const SafetyState charge =
-      safety_.advance({sample.verdict, input.action, input.send_failed, elapsed});
+  const SafetyState charge = safety_.advance({sample.verdict, input.action, input.bus, elapsed});
   cycle_ += elapsed;
 
   // A refused command left the one before it on the valves.
-  u_on_valves_ = input.send_failed ? u_on_valves_ : u_sent_;
+  u_on_valves_ = input.bus.send_refused ? u_on_valves_ : u_sent_;
   for (std::int32_t period = 0; period < elapsed; ++period) {
     disturbance_estimator_.predict(u_on_valves_);
     state_estimator_.predict(u_on_valves_, disturbance_estimator_.for_prediction());

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "control/bus_health.hpp"
 #include "control/controller_config.hpp"
 #include "control/disturbance_estimator.hpp"
 #include "control/encoder_codec.hpp"
@@ -21,7 +22,8 @@ struct CycleInput {
   const Frame* encoder_frame = nullptr;  // nullptr: the period passed without one
   OperatorAction action = OperatorAction::kNone;
   const ReferenceTrajectory* new_reference = nullptr;  // replaces the present one
-  bool send_failed = false;  // the command frame of the last cycle was refused by the bus
+  MonitoredFrames monitored;
+  BusHealth bus;
 };
 
 // What one cycle saw and did: the source of telemetry, logs and tests. Trivially copyable.
@@ -36,6 +38,9 @@ struct CycleRecord {
   ValveVoltages valves;  // as they stand in the frame (rounded to its resolution)
   Mode mode = Mode::kInit;
   Fault fault = Fault::kNone;
+  FaultSet present_faults;             // causes that hold in this cycle, latched or not
+  Refusal refusal = Refusal::kNone;    // of the last arm or reset that was not obeyed
+  Fault refusal_cause = Fault::kNone;  // of kCausePresent and kFaultLatched
   std::uint32_t limits = kLimitNone;
 };
 

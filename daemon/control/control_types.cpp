@@ -1,5 +1,4 @@
-// The published texts of the enumerations. A fault or a limit names the configuration key that sets
-// it.
+// The published texts of the enumerations. A limit names the configuration key that sets it.
 #include "control/control_types.hpp"
 
 namespace eampc::control {
@@ -22,22 +21,6 @@ const char* mode_text(Mode mode) noexcept {
   return "unknown";
 }
 
-const char* fault_text(Fault fault) noexcept {
-  switch (fault) {
-    case Fault::kNone:
-      return "none";
-    case Fault::kEncoderTimeout:
-      return "encoder time-out (safety.encoder_timeout_s)";
-    case Fault::kEncoderInvalid:
-      return "no valid encoder frame within the time-out (bus.encoder)";
-    case Fault::kNotFinite:
-      return "estimate or control not finite (law)";
-    case Fault::kSendFailed:
-      return "the bus refused the command frame (bus.valve_command)";
-  }
-  return "unknown";
-}
-
 const char* limit_text(Limit limit) noexcept {
   switch (limit) {
     case kLimitNone:
@@ -50,6 +33,8 @@ const char* limit_text(Limit limit) noexcept {
       return "parameter box (parameter_box)";
     case kLimitReferenceRange:
       return "reference range (constraints.angle_max_rad)";
+    case kLimitReduced:
+      return "reduced limits after arming (safety.reduced_limits_s)";
   }
   return "unknown";
 }
@@ -68,6 +53,8 @@ const char* verdict_text(SampleVerdict verdict) noexcept {
       return "duplicate";
     case SampleVerdict::kOutOfRange:
       return "out of range";
+    case SampleVerdict::kJump:
+      return "implausible jump";
   }
   return "unknown";
 }

@@ -6,6 +6,8 @@
 #include <array>
 #include <cstdint>
 
+#include "control/fault.hpp"
+
 namespace eampc::control {
 
 // (θ, θ̇, v): the model with valve states has three, the ideal-valve model uses the first two.
@@ -28,7 +30,8 @@ enum class SampleVerdict : std::uint8_t {
   kWrongLength,
   kBadCrc,
   kDuplicate,
-  kOutOfRange
+  kOutOfRange,
+  kJump  // further from the value before than the joint can move
 };
 
 // What the encoder said in this cycle. `angle_rad` and `velocity_rad_s` mean something only if
@@ -40,6 +43,16 @@ struct EncoderSample {
   bool has_velocity = false;
   std::uint32_t status_raw = 0;
   std::uint32_t missed_frames = 0;  // counter gap before this frame
+};
+
+// The newest frames of the monitored messages since the last cycle; nullptr: none came. An alarm
+// must not be overwritten by a later all-clear of the same period: see monitor_codec.hpp.
+struct MonitoredFrames {
+  const Frame* valve_feedback = nullptr;
+  const Frame* heartbeat = nullptr;
+  const Frame* emergency = nullptr;
+  const Frame* e_stop = nullptr;
+  const Frame* identity = nullptr;
 };
 
 struct StateEstimate {
@@ -94,18 +107,6 @@ struct ValveDemand {
 
 enum class Mode : std::uint8_t { kInit, kDisarmed, kArming, kActive, kSoftStop, kFault };
 
-// Faults stop the motion. Each names its configuration key in fault_text().
-// The full matrix (design section 6) fills in here: every new cause gets a number, a text and an
-// action.
-enum class Fault : std::uint8_t {
-  kNone = 0,
-  kEncoderTimeout = 1,  // safety.encoder_timeout_s
-  kEncoderInvalid =
-      2,  // bus.encoder.*: CRC, counter, length or range of every frame within the time-out
-  kNotFinite = 3,   // an estimate or the law gave NaN or infinity
-  kSendFailed = 4,  // the bus refused the command frame
-};
-
 // Limits inform. Bits, so that several may act at once.
 enum Limit : std::uint32_t {
   kLimitNone = 0,
@@ -113,17 +114,10 @@ enum Limit : std::uint32_t {
   kLimitSlewRate = 1u << 1,        // valve.slew_max_V_per_s
   kLimitParameterBox = 1u << 2,    // parameter_box.*
   kLimitReferenceRange = 1u << 3,  // constraints.angle_max_rad: the reference was clamped
-};
-
-enum class StopAction : std::uint8_t {
-  kSaturate,   // hold the last voltages for safety.soft_stop_ramp_s, then as kSoftStop
-  kSoftStop,   // ramp both to valve.bias_V, then both to valve.safe_V
-  kVentRamp,   // ramp both to valve.safe_V
-  kImmediate,  // valve.safe_V and enable bit 0 in this very frame
+  kLimitReduced = 1u << 4,         // safety.reduced_limits_s: the law acts within reduced limits
 };
 
 const char* mode_text(Mode mode) noexcept;
-const char* fault_text(Fault fault) noexcept;  // "encoder time-out (safety.encoder_timeout_s)"
 const char* limit_text(Limit limit) noexcept;  // one bit: "slew rate (valve.slew_max_V_per_s)"
 const char* verdict_text(SampleVerdict verdict) noexcept;
 

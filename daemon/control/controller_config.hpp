@@ -120,12 +120,70 @@ struct ValveConfig {
   double slew_max_V_per_s = 0.0;
 };
 
+// The monitored messages; `present` false: the rig does not monitor it, and has no such fault.
+struct MonitoredLayout {
+  bool present = false;
+  std::uint32_t id = 0;
+  bool extended = false;
+  int length = 8;
+  CrcLayout crc;
+};
+
+struct ValveFeedbackLayout : MonitoredLayout {
+  SignalLayout pressure1, pressure2, supply_pressure;
+};
+
+struct HeartbeatLayout : MonitoredLayout {
+  SignalLayout state;  // CANopen's node state; 0: the node has just started
+};
+
+struct EmergencyLayout : MonitoredLayout {
+  SignalLayout error_code;  // 0: no error any more; without the signal every frame is an error
+};
+
+struct EStopLayout : MonitoredLayout {
+  SignalLayout stop;
+  std::uint64_t released_raw = 0;  // any other value stops
+};
+
+struct IdentityLayout : MonitoredLayout {
+  SignalLayout inputs_crc32;
+};
+
+// Thresholds and actions of the fault matrix. Names are the keys of section [safety]; times are
+// rounded to periods. 0 switches those off that say so.
 struct SafetyConfig {
   double encoder_timeout_s = 0.02;
   double arming_ramp_s = 0.5;  // 0: straight to the law
   double soft_stop_ramp_s = 0.5;
-  StopAction encoder_timeout_action = StopAction::kSoftStop;
-  StopAction encoder_invalid_action = StopAction::kSoftStop;
+  // After the pressure ramp the law acts so long within reduced limits before ACTIVE; 0: not at
+  // all.
+  double reduced_limits_s = 0.0;
+  double reduced_control_share = 0.5;  // of law.u_min..u_max
+  double reduced_slew_V_per_s = std::numeric_limits<double>::infinity();
+
+  std::int32_t encoder_invalid_frames = 3;  // in a row without a valid one
+  // Position and velocity bit for bit the same for so long while the command is further than
+  // encoder_frozen_command_V from where it stood when they last changed; 0: off.
+  double encoder_frozen_s = 0.0;
+  double encoder_frozen_command_V = 0.5;  // of (u1 − u2)/2
+  // |Δθ| above velocity · elapsed + margin is a jump.
+  double encoder_jump_velocity_rad_s = std::numeric_limits<double>::infinity();
+  double encoder_jump_margin_rad = 0.05;
+  std::int32_t encoder_counter_gap_max = std::numeric_limits<std::int32_t>::max();  // lost frames
+  std::uint32_t encoder_status_mask = 0;  // raw bits that mean a failure
+
+  double error_passive_s = 0.1;
+  std::int32_t tx_unconfirmed_periods = 2;
+  std::int32_t send_refused_frames = 2;
+  double heartbeat_timeout_s = 0.35;
+  double supply_pressure_min_kPa = -std::numeric_limits<double>::infinity();
+  double supply_pressure_max_kPa = std::numeric_limits<double>::infinity();
+  double supply_pressure_s = 0.1;  // so long out of range, or unknown
+  std::int32_t deadline_overruns_max = std::numeric_limits<std::int32_t>::max();  // per window
+  double deadline_overruns_window_s = 1.0;
+
+  FaultActions actions = default_fault_actions();
   double reference_angle_max_rad = 0.0;  // references are clamped to ± this
 };
 
@@ -138,6 +196,12 @@ struct ControllerConfig {
   EncoderLayout encoder;
   ValveCommandLayout valve_command;
   SyncLayout sync;
+  ValveFeedbackLayout valve_feedback;
+  HeartbeatLayout heartbeat;
+  EmergencyLayout emergency;
+  EStopLayout e_stop;
+  IdentityLayout identity;
+  std::uint32_t inputs_crc32 = 0;  // of the rig the law was designed for
   bool trigger_on_sync = false;
 };
 

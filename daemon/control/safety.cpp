@@ -42,27 +42,26 @@ bool Safety::moving() const noexcept {
   return mode_ == Mode::kArming || mode_ == Mode::kActive || mode_ == Mode::kSoftStop;
 }
 
-// The table of causes and actions. A new fault gets its line here, its text in control_types.cpp.
-StopAction Safety::action_of(Fault fault) const noexcept {
-  switch (fault) {
-    case Fault::kEncoderTimeout:
-      return config_.safety.encoder_timeout_action;
-    case Fault::kEncoderInvalid:
-      return config_.safety.encoder_invalid_action;
-    case Fault::kNotFinite:
-      return StopAction::kSoftStop;
-    // Nothing arrives, so the node's own time-out has vented: whatever gets through again must say
-    // the same.
-    case Fault::kSendFailed:
-      return StopAction::kImmediate;
-    case Fault::kNone:
+Fault Safety::fault_of_silence() const noexcept {
+  switch (verdict_since_sample_) {
+    case SampleVerdict::kBadCrc:
+      return Fault::kEncoderCrc;
+    case SampleVerdict::kWrongLength:
+      return Fault::kEncoderLength;
+    case SampleVerdict::kOutOfRange:
+      return Fault::kEncoderOutOfRange;
+    case SampleVerdict::kDuplicate:
+      return Fault::kEncoderFrozen;
+    case SampleVerdict::kValid:
+    case SampleVerdict::kMissing:
+    case SampleVerdict::kJump:
       break;
   }
-  return StopAction::kSoftStop;
+  return Fault::kEncoderTimeout;
 }
 
 void Safety::raise(Fault fault) noexcept {
-  const StopAction action = action_of(fault);
+  const StopAction action = config_.safety.actions[fault];
   if (fault_ == Fault::kNone) {
     fault_ = fault;
   } else if (action != StopAction::kImmediate) {
@@ -146,16 +145,16 @@ SafetyState Safety::advance(const SafetyInput& input) noexcept {
       periods_without_sample_ + input.elapsed_periods - 1 >= timeout_periods_;
   if (input.verdict == SampleVerdict::kValid) {
     periods_without_sample_ = 0;
-    invalid_frame_since_sample_ = false;
+    verdict_since_sample_ = SampleVerdict::kMissing;
     if (mode_ == Mode::kInit) {
       mode_ = Mode::kDisarmed;
     }
   } else {
     periods_without_sample_ =
         std::min(periods_without_sample_ + input.elapsed_periods, timeout_periods_);
-    invalid_frame_since_sample_ |= input.verdict != SampleVerdict::kMissing;
+    if (input.verdict != SampleVerdict::kMissing) verdict_since_sample_ = input.verdict;
   }
-  refused_frames_ = input.send_failed ? std::min(refused_frames_ + 1, kRefusedFramesMax) : 0;
+  refused_frames_ = input.bus.send_refused ? std::min(refused_frames_ + 1, kRefusedFramesMax) : 0;
 
   if (mode_ == Mode::kActive) {
     active_periods_ += input.elapsed_periods;
@@ -168,9 +167,9 @@ SafetyState Safety::advance(const SafetyInput& input) noexcept {
 
   if (moving()) {
     if (refused_frames_ >= kRefusedFramesMax) {
-      raise(Fault::kSendFailed);
+      raise(Fault::kSendRefused);
     } else if (periods_without_sample_ >= timeout_periods_) {
-      raise(invalid_frame_since_sample_ ? Fault::kEncoderInvalid : Fault::kEncoderTimeout);
+      raise(fault_of_silence());
     } else if (ends_a_silence) {
       raise(Fault::kEncoderTimeout);
     }

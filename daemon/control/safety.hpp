@@ -14,6 +14,7 @@
 // any clock (time is counted in periods), any opinion on the law's tuning.
 #pragma once
 
+#include "control/bus_health.hpp"
 #include "control/controller_config.hpp"
 
 namespace eampc::control {
@@ -21,7 +22,7 @@ namespace eampc::control {
 struct SafetyInput {
   SampleVerdict verdict = SampleVerdict::kMissing;
   OperatorAction action = OperatorAction::kNone;
-  bool send_failed = false;
+  BusHealth bus;
   // 0: a repeated frame, or one whose period was already counted as empty; more than 1: the counter
   // told of lost frames.
   std::int32_t elapsed_periods = 1;
@@ -63,7 +64,7 @@ class Safety {
   void begin_stop(Phase phase) noexcept;
   void continue_stop() noexcept;
   void obey(OperatorAction action) noexcept;
-  StopAction action_of(Fault fault) const noexcept;
+  Fault fault_of_silence() const noexcept;
   ValveVoltages ramp_towards(double target_V, std::int32_t periods) const noexcept;
   ValveVoltages stop_voltages() const noexcept;
 
@@ -84,7 +85,7 @@ class Safety {
   ValveVoltages last_;
   ValveVoltages period_start_;  // last_ when the present period began
   std::int32_t periods_without_sample_ = 0;
-  bool invalid_frame_since_sample_ = false;
+  SampleVerdict verdict_since_sample_ = SampleVerdict::kMissing;
   std::int32_t refused_frames_ = 0;
 };
 

@@ -240,7 +240,8 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
   input.encoder_frame = frame;
   input.action = take_action();
   input.new_reference = take_reference();
-  input.send_failed = send_failed_;
+  input.bus.send_refused = send_failed_;
+  input.bus.queue_proved_empty = true;
   const control::CycleOutput output = cycle_.step(input);
   const std::int64_t decided_at = now_ns(CLOCK_MONOTONIC);
 

@@ -147,8 +147,12 @@ void read_safety(const LawValue& safety, double period_s, control::SafetyConfig&
     return static_cast<control::StopAction>(
         safety.at(key).choice({"saturate", "soft_stop", "vent_ramp", "immediate"}));
   };
-  out.encoder_timeout_action = action("encoder_timeout_action");
-  out.encoder_invalid_action = action("encoder_invalid_action");
+  out.actions[control::Fault::kEncoderTimeout] = action("encoder_timeout_action");
+  for (const control::Fault invalid :
+       {control::Fault::kEncoderCrc, control::Fault::kEncoderLength,
+        control::Fault::kEncoderOutOfRange, control::Fault::kEncoderFrozen}) {
+    out.actions[invalid] = action("encoder_invalid_action");
+  }
   out.reference_angle_max_rad = safety.at("reference_angle_max_rad").positive();
 }
 

@@ -137,7 +137,7 @@ TEST_F(ControlCycleTest, ADuplicateIsNoPeriodButAFrozenEncoderIsAFault) {
   EXPECT_EQ(repeated.law.u, fresh.law.u);
   CycleRecord frozen;
   for (int k = 0; k < 4; ++k) frozen = cycle_->step(input).record;
-  EXPECT_EQ(frozen.fault, Fault::kEncoderInvalid);
+  EXPECT_EQ(frozen.fault, Fault::kEncoderFrozen);
 }
 
 TEST_F(ControlCycleTest, FramesLostOnTheBusMoveTimeOnByTheCounter) {
@@ -236,7 +236,7 @@ TEST_F(ControlCycleTest, ARefusedCommandIsNotBelievedToActOnTheValves) {
   const Frame second = plant_->frame();
   input = {};
   input.encoder_frame = &second;
-  input.send_failed = true;
+  input.bus.send_refused = true;
   EXPECT_EQ(cycle_->step(input).record.state.x[2],
             jump.state.x[2] * joint_.config.model.A_star(2, 2));
 }

@@ -9,12 +9,11 @@ namespace eampc::control {
 namespace {
 
 TEST(ControlTypes, EveryFaultAndLimitNamesItsKey) {
-  for (const Fault fault :
-       {Fault::kEncoderTimeout, Fault::kEncoderInvalid, Fault::kNotFinite, Fault::kSendFailed}) {
-    EXPECT_NE(std::string(fault_text(fault)).find('('), std::string::npos);
+  for (std::size_t number = 1; number < kFaultCount; ++number) {
+    EXPECT_NE(std::string(fault_text(static_cast<Fault>(number))).find('('), std::string::npos);
   }
-  for (const Limit limit :
-       {kLimitControlRange, kLimitSlewRate, kLimitParameterBox, kLimitReferenceRange}) {
+  for (const Limit limit : {kLimitControlRange, kLimitSlewRate, kLimitParameterBox,
+                            kLimitReferenceRange, kLimitReduced}) {
     EXPECT_NE(std::string(limit_text(limit)).find('('), std::string::npos);
   }
   EXPECT_STREQ(fault_text(Fault::kNone), "none");

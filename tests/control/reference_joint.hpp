@@ -89,7 +89,7 @@ inline ReferenceJoint reference_joint(bool valve_state = true) {
   c.law.upper.fill(22.0);
 
   c.valve = {5.0, 0.45, 0.0, 10.0, 0.0, 4000.0};
-  c.safety = {0.02, 0.5, 0.5, StopAction::kSoftStop, StopAction::kSoftStop, 1.0};
+  c.safety.reference_angle_max_rad = 1.0;
   set_reference_frames(c);
   return joint;
 }

@@ -32,12 +32,19 @@ class SafetyTest : public testing::Test {
   // One whole cycle: both halves, what was decided counts as sent.
   SafetyState cycle(OperatorAction action = kNone, SampleVerdict verdict = SampleVerdict::kValid,
                     double u = 0.0, bool send_failed = false) {
-    entered_ = safety_->advance({verdict, action, send_failed, 1}).entered_active;
+    entered_ = safety_->advance({verdict, action, bus(send_failed), 1}).entered_active;
     LawOutput law;
     law.u = u;
     decision_ = safety_->decide({}, {}, law);
     safety_->sent(decision_.demand.voltages);
     return safety_->state();
+  }
+
+  static BusHealth bus(bool send_refused) {
+    BusHealth health;
+    health.queue_proved_empty = true;
+    health.send_refused = send_refused;
+    return health;
   }
 
   void cycles(int count) {
@@ -192,14 +199,13 @@ TEST_F(SafetyTest, TableOfEncoderFaults) {
     Fault fault;
   };
   for (const Row& row : {Row{SampleVerdict::kMissing, Fault::kEncoderTimeout},
-                         Row{SampleVerdict::kBadCrc, Fault::kEncoderInvalid},
-                         Row{SampleVerdict::kWrongLength, Fault::kEncoderInvalid},
-                         Row{SampleVerdict::kDuplicate, Fault::kEncoderInvalid},
-                         Row{SampleVerdict::kOutOfRange, Fault::kEncoderInvalid}}) {
+                         Row{SampleVerdict::kBadCrc, Fault::kEncoderCrc},
+                         Row{SampleVerdict::kWrongLength, Fault::kEncoderLength},
+                         Row{SampleVerdict::kDuplicate, Fault::kEncoderFrozen},
+                         Row{SampleVerdict::kOutOfRange, Fault::kEncoderOutOfRange}}) {
     for (const StopAction action : {StopAction::kSaturate, StopAction::kSoftStop,
                                     StopAction::kVentRamp, StopAction::kImmediate}) {
-      joint_.config.safety.encoder_timeout_action = action;
-      joint_.config.safety.encoder_invalid_action = action;
+      joint_.config.safety.actions[row.fault] = action;
       go(Mode::kActive);
       cycle(kNone, SampleVerdict::kValid, 4.0);
       for (int i = 0; i < 3; ++i) {
@@ -248,16 +254,17 @@ TEST_F(SafetyTest, AValidFrameRestartsTheTimeOut) {
 TEST_F(SafetyTest, ACounterGapAsLongAsTheTimeOutIsASilence) {
   for (const int lost : {3, 4}) {
     go(Mode::kActive);
-    safety_->advance({SampleVerdict::kValid, kNone, false, 1 + lost});
+    safety_->advance({SampleVerdict::kValid, kNone, bus(false), 1 + lost});
     EXPECT_EQ(safety_->state().mode, lost < 4 ? Mode::kActive : Mode::kSoftStop);
     EXPECT_EQ(safety_->state().fault, lost < 4 ? Fault::kNone : Fault::kEncoderTimeout);
   }
   go(Mode::kActive);
   cycle(kNone, SampleVerdict::kMissing);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 4});  // one empty period and three more
+  safety_->advance(
+      {SampleVerdict::kValid, kNone, bus(false), 4});  // one empty period and three more
   EXPECT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
   go(Mode::kDisarmed);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 15});
+  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 15});
   EXPECT_EQ(safety_->state().fault, Fault::kNone);
 }
 
@@ -282,7 +289,7 @@ TEST_F(SafetyTest, NotFiniteIsStoppedInItsOwnCycle) {
 
 TEST_F(SafetyTest, ANotFiniteEstimateIsAFaultEvenWithAFiniteLaw) {
   go(Mode::kActive);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 1});
+  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 1});
   StateEstimate state;
   state.x[1] = std::numeric_limits<double>::quiet_NaN();
   safety_->decide(state, {}, {});
@@ -296,7 +303,7 @@ TEST_F(SafetyTest, TwoRefusedFramesInARowStopAtOnce) {
   cycle(kNone, SampleVerdict::kValid, 0.0, true);
   const SafetyState state = cycle(kNone, SampleVerdict::kValid, 0.0, true);
   EXPECT_EQ(state.mode, Mode::kFault);
-  EXPECT_EQ(state.fault, Fault::kSendFailed);
+  EXPECT_EQ(state.fault, Fault::kSendRefused);
   EXPECT_EQ(u1(), 0.0);
 }
 
@@ -334,7 +341,7 @@ TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
   go(Mode::kActive);
   cycle(kNone, SampleVerdict::kValid, 4.0);
   ASSERT_NEAR(u1(), 5.5, 1e-12);
-  safety_->advance({SampleVerdict::kDuplicate, kNone, false, 0});
+  safety_->advance({SampleVerdict::kDuplicate, kNone, bus(false), 0});
   LawOutput law;
   law.u = 4.0;
   decision_ = safety_->decide({}, {}, law);
@@ -344,7 +351,7 @@ TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
 
 TEST_F(SafetyTest, LimitsOfTheLawArePublished) {
   go(Mode::kActive);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 1});
+  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 1});
   LawOutput law;
   law.parameter_clamped = true;
   law.at_range_end = true;
@@ -353,7 +360,7 @@ TEST_F(SafetyTest, LimitsOfTheLawArePublished) {
 
 TEST_F(SafetyTest, LostFramesCountAsPeriods) {
   go(Mode::kActive);
-  safety_->advance({SampleVerdict::kValid, kNone, false, 3});
+  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 3});
   EXPECT_DOUBLE_EQ(safety_->state().scenario_time_s, 0.015);
 }
 
@@ -362,8 +369,8 @@ TEST_F(SafetyTest, LostFramesCountAsPeriods) {
 TEST_F(SafetyTest, RandomizedInvariants) {
   constexpr int kCycles = 1'000'000;
   joint_.config.valve.slew_max_V_per_s = 300.0;
-  joint_.config.safety.encoder_timeout_action = StopAction::kSaturate;
-  joint_.config.safety.encoder_invalid_action = StopAction::kVentRamp;
+  joint_.config.safety.actions[Fault::kEncoderTimeout] = StopAction::kSaturate;
+  joint_.config.safety.actions[Fault::kEncoderCrc] = StopAction::kVentRamp;
   rebuild();
   std::mt19937_64 random(99);
   std::normal_distribution<double> control(0.0, 15.0);

@@ -279,7 +279,7 @@ TEST_F(ControlLoopTest, StopRampsDownAndSendsTheSafeFrameLast) {
 // A fault that holds the voltages first takes three ramps to come to rest.
 TEST_F(ControlLoopTest, StopEndsALongHoldToo) {
   open(0.001, true);
-  config_.safety.encoder_timeout_action = control::StopAction::kSaturate;
+  config_.safety.actions[control::Fault::kEncoderTimeout] = control::StopAction::kSaturate;
   config_.safety.encoder_timeout_s = 0.001;
   config_.safety.soft_stop_ramp_s = 5.0;
   loop_ = std::make_unique<ControlLoop>(*bus_, config_, LoopSettings{.lockstep = true});

@@ -50,7 +50,7 @@ TEST(LawFile, LoadsWhatWasWritten) {
   // κ = (1 − e^{−aT})/a with e^{−aT} = 0.975.
   EXPECT_NEAR(c.estimator.held_integral_s, 0.005 * 0.025 / -std::log(0.975), 1e-15);
   EXPECT_EQ(c.valve.bias_V, 5.0);  // written as a whole number
-  EXPECT_EQ(c.safety.encoder_invalid_action, control::StopAction::kVentRamp);
+  EXPECT_EQ(c.safety.actions[control::Fault::kEncoderCrc], control::StopAction::kVentRamp);
   EXPECT_EQ(c.encoder.velocity.start_bit, 24);
   EXPECT_TRUE(c.valve_command.crc.present);
   EXPECT_EQ(c.valve_command.crc.data_id, 0x201);

@@ -80,7 +80,8 @@ class BoundCycle {
       input.encoder_frame = &frame;
     }
     input.action = action_of(action);
-    input.send_failed = send_failed;
+    input.bus.send_refused = send_failed;
+    input.bus.queue_proved_empty = true;
     input.new_reference = new_reference_ ? &trajectory_ : nullptr;
     const control::CycleOutput output = cycle_.step(input);
     new_reference_ = false;

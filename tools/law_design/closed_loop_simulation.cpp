@@ -26,6 +26,7 @@ std::vector<SimulatedCycle> simulate(const control::ControllerConfig& config,
     row.disturbance_rad_s2 = joint.disturbance_rad_s2(row.time_s);
     const control::Frame encoder_frame = joint.encoder_frame(config.encoder);
     control::CycleInput input;
+    input.bus.queue_proved_empty = true;  // no bus between
     input.encoder_frame = &encoder_frame;
     if (k == 0) {
       input.new_reference = &plan.reference;

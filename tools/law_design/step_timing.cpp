@@ -35,6 +35,7 @@ class CycleReplay {
 
   double step(std::size_t k) {
     control::CycleInput input;
+    input.bus.queue_proved_empty = true;  // no bus between
     input.encoder_frame = &frames_[k];
     if (k == 0) input.new_reference = &plan_.reference;
     if (k == static_cast<std::size_t>(plan_.arm_at_cycle)) {

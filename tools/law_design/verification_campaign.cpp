@@ -62,6 +62,7 @@ TrialOutcome run_trial(const control::ControllerConfig& config, const Campaign& 
   outcome.index = index;
   double squares = 0.0;
   control::CycleInput input;
+  input.bus.queue_proved_empty = true;  // no bus between
   for (std::int64_t k = -lead; k < active; ++k) {
     double measured_rad = joint.angle_rad;
     double measured_rad_s = joint.velocity_rad_s;
