@@ -37,11 +37,11 @@ BusAddress parse_bus_url(const std::string& url) {
                            "udp_multicast:239.74.163.2:43113");
 }
 
-Bus open_bus(const BusAddress& address, FrameFilter encoder, std::span<const FrameFilter> own) {
+Bus open_bus(const BusAddress& address, const BusFrames& frames) {
   if (address.transport == Transport::kUdpMulticast) {
-    return Bus(open_udp_multicast_bus(address.group, address.port, encoder));
+    return Bus(open_udp_multicast_bus(address.group, address.port, frames));
   }
-  return Bus(open_can_bus(address.interface, encoder, own));
+  return Bus(open_can_bus(address.interface, frames));
 }
 
 }  // namespace eampc::realtime

@@ -22,11 +22,17 @@ class Bus {
   explicit Bus(CanBus bus) noexcept : bus_(std::move(bus)) {}
   explicit Bus(UdpMulticastBus bus) noexcept : bus_(std::move(bus)) {}
 
-  bool send(const control::Frame& frame) noexcept {
+  SendResult send(const control::Frame& frame) noexcept {
     return on_transport(*this, [&](auto& bus) { return bus.send(frame); });
   }
   BusEvent receive(ReceivedFrame& received) noexcept {
     return on_transport(*this, [&](auto& bus) { return bus.receive(received); });
+  }
+  bool reopen() noexcept {
+    return on_transport(*this, [](auto& bus) { return bus.reopen(); });
+  }
+  bool confirms() const noexcept {
+    return on_transport(*this, [](auto& bus) { return bus.confirms(); });
   }
   int fd() const noexcept {
     return on_transport(*this, [](auto& bus) { return bus.fd(); });
@@ -51,6 +57,6 @@ struct BusAddress {
 
 // Both throw std::runtime_error with one sentence.
 BusAddress parse_bus_url(const std::string& url);
-Bus open_bus(const BusAddress& address, FrameFilter encoder, std::span<const FrameFilter> own);
+Bus open_bus(const BusAddress& address, const BusFrames& frames);
 
 }  // namespace eampc::realtime

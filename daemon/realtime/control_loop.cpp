@@ -19,6 +19,8 @@ constexpr std::int64_t kStopCheckNs = 20'000'000;
 constexpr std::int64_t kErrorPauseNs = 1'000'000;
 // Frames read in one go: a flooded bus must not keep the loop from its deadline.
 constexpr int kMaxDrain = 64;
+// How long the last frame may wait for the one before it: as long as 40 frames need at 250 kbit/s.
+constexpr std::int64_t kLastFrameWaitNs = 20'000'000;
 // A kernel stamp further back than this is a stepped clock, not a latency.
 constexpr std::int64_t kMaxPlausibleLatencyNs = kNanosecondsPerSecond;
 
@@ -42,11 +44,11 @@ void count(std::atomic<std::int64_t>& cell, std::int64_t by = 1) noexcept {
 }  // namespace
 
 ControlLoop::ControlLoop(Bus& bus, const control::ControllerConfig& config, LoopSettings settings)
-    : bus_(bus),
-      config_(config),
+    : config_(config),
       settings_(settings),
       period_ns_(std::llround(config.model.period_s * static_cast<double>(kNanosecondsPerSecond))),
-      cycle_(config) {
+      cycle_(config),
+      bus_(bus, period_ns_) {
   LoopRecord first;
   first.cycle.cycle = -1;
   first.cycle.mode = cycle_.mode();
@@ -60,6 +62,7 @@ LoopCounters ControlLoop::counters() const noexcept {
   const auto read = [](const std::atomic<std::int64_t>& cell) {
     return cell.load(std::memory_order_relaxed);
   };
+  const BusReport bus = bus_.report();
   return {.cycles = read(cells_.cycles),
           .encoder_frames = read(cells_.encoder_frames),
           .valid_frames = read(cells_.valid_frames),
@@ -69,11 +72,11 @@ LoopCounters ControlLoop::counters() const noexcept {
           .duplicate_frames = read(cells_.duplicate_frames),
           .invalid_frames = read(cells_.invalid_frames),
           .deadline_overruns = read(cells_.deadline_overruns),
-          .send_errors = read(cells_.send_errors),
-          .confirmed_frames = read(cells_.confirmed_frames),
-          .ignored_frames = read(cells_.ignored_frames),
-          .error_frames = read(cells_.error_frames),
-          .link_downs = read(cells_.link_downs),
+          .send_errors = bus.send_errors,
+          .confirmed_frames = bus.confirmed_frames,
+          .ignored_frames = bus.ignored_frames,
+          .error_frames = bus.error_frames,
+          .link_downs = bus.link_downs,
           .receive_overflows = read(cells_.receive_overflows),
           .telemetry_dropped = static_cast<std::int64_t>(records_.dropped())};
 }
@@ -159,6 +162,7 @@ ControlLoop::Wait ControlLoop::wait_for_frame(std::int64_t deadline, Arrival& ar
   for (;;) {
     if (stop_.load(std::memory_order_relaxed)) return Wait::kStop;
     const std::int64_t now = now_ns(CLOCK_MONOTONIC);
+    bus_.reopen_if_gone(now);
     const std::int64_t remaining =
         deadline == 0 ? kStopCheckNs : std::clamp<std::int64_t>(deadline - now, 0, kStopCheckNs);
     const timespec limit = to_timespec(remaining);
@@ -176,38 +180,20 @@ ControlLoop::Wait ControlLoop::wait_for_frame(std::int64_t deadline, Arrival& ar
 
 bool ControlLoop::take_frame(Arrival& arrival) noexcept {
   bool found = false;
+  const std::int64_t now = bus_now();
   for (int i = 0; i < kMaxDrain; ++i) {
     ReceivedFrame received;
-    switch (bus_.receive(received)) {
-      case BusEvent::kFrame:
-        link_down_ = false;
-        count(cells_.encoder_frames);
-        if (found) {
-          const bool duplicate = received.frame.data == arrival.received.frame.data;
-          count(duplicate ? cells_.duplicate_frames : cells_.superseded_frames);
-        }
-        arrival.received = received;
-        found = true;
-        if (settings_.lockstep) i = kMaxDrain;  // never leave one out
-        break;
-      case BusEvent::kNothing:
-        i = kMaxDrain;
-        break;
-      case BusEvent::kConfirmed:
-        count(cells_.confirmed_frames);
-        break;
-      case BusEvent::kErrorFrame:
-        count(cells_.error_frames);
-        break;
-      case BusEvent::kLinkDown:
-        if (!link_down_) count(cells_.link_downs);
-        link_down_ = true;
-        i = kMaxDrain;
-        break;
-      case BusEvent::kIgnored:
-        count(cells_.ignored_frames);
-        break;
+    const BusEvent event = bus_.receive(received, now);
+    if (event == BusEvent::kNothing) break;
+    if (event != BusEvent::kFrame) continue;
+    count(cells_.encoder_frames);
+    if (found) {
+      const bool duplicate = received.frame.data == arrival.received.frame.data;
+      count(duplicate ? cells_.duplicate_frames : cells_.superseded_frames);
     }
+    arrival.received = received;
+    found = true;
+    if (settings_.lockstep) break;  // never leave one out
   }
   if (!found) return false;
 
@@ -240,19 +226,18 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
   input.encoder_frame = frame;
   input.action = take_action();
   input.new_reference = take_reference();
-  input.bus.send_refused = send_failed_;
-  input.bus.queue_proved_empty = true;
+  const std::int64_t bus_instant = bus_now();
+  input.bus = bus_.take_health(bus_instant);
   const control::CycleOutput output = cycle_.step(input);
   const std::int64_t decided_at = now_ns(CLOCK_MONOTONIC);
 
-  send_failed_ = !bus_.send(output.command);
+  bus_.command({output.command, output.record.valves.enable}, bus_instant);
   const std::int64_t sent_at = now_ns(CLOCK_MONOTONIC);
 
   if (output.record.fault != control::Fault::kNone) forget_arming();
   next_cycle_ =
       output.record.cycle + 1;  // the cycle counts frames that were lost, and not a repeated one
   count(cells_.cycles);
-  if (send_failed_) count(cells_.send_errors);
   cells_.receive_overflows.store(bus_.receive_overflows(), std::memory_order_relaxed);
 
   LoopRecord record;
@@ -284,6 +269,7 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
       count(cells_.deadline_overruns);
     }
   }
+  bus_.publish(bus_instant);
   newest_.write(record);
   if (settings_.lockstep) {
     while (!records_.has_room() && !stop_.load(std::memory_order_relaxed)) {
@@ -303,7 +289,13 @@ void ControlLoop::send_sync() noexcept {
   if (config_.sync.counter.present) {
     control::insert_bits(frame.data, config_.sync.counter, sync_counter_++);
   }
-  if (!bus_.send(frame)) count(cells_.send_errors);
+  bus_.sync(frame, bus_now());
+}
+
+// In lock-step the frames are the time, here as everywhere.
+std::int64_t ControlLoop::bus_now() const noexcept {
+  return settings_.lockstep ? cells_.cycles.load(std::memory_order_relaxed) * period_ns_
+                            : now_ns(CLOCK_MONOTONIC);
 }
 
 void ControlLoop::sleep_until(std::int64_t instant) const noexcept {
@@ -325,7 +317,15 @@ void ControlLoop::come_to_rest() noexcept {
   control::CycleOutput output = cycle_.step(input);
   input.action = control::OperatorAction::kNone;
   for (std::int64_t i = 0; i < bound && !cycle_.at_rest(); ++i) output = cycle_.step(input);
-  if (!bus_.send(output.command)) count(cells_.send_errors);
+  Arrival unused;
+  for (const std::int64_t limit = now_ns(CLOCK_MONOTONIC) + kLastFrameWaitNs;
+       bus_.in_flight() && now_ns(CLOCK_MONOTONIC) < limit;) {
+    const timespec pause = to_timespec(kErrorPauseNs);
+    ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+    take_frame(unused);
+  }
+  bus_.last_command({output.command, output.record.valves.enable}, bus_now());
+  bus_.publish(bus_now());
 
   LoopRecord record;
   record.cycle = output.record;

@@ -24,9 +24,9 @@
 #include <cstdint>
 
 #include "control/control_cycle.hpp"
-#include "realtime/bus.hpp"
 #include "realtime/command_queue.hpp"
 #include "realtime/latency_histogram.hpp"
+#include "realtime/monitored_bus.hpp"
 #include "realtime/record_queue.hpp"
 #include "realtime/snapshot.hpp"
 
@@ -93,6 +93,7 @@ class ControlLoop {
   LoopRecordQueue& records() noexcept { return records_; }
   ReleasedTableQueue& released_tables() noexcept { return released_tables_; }
   LoopRecord newest() const noexcept { return newest_.read(); }
+  BusReport bus_report() const noexcept { return bus_.report(); }
   LoopCounters counters() const noexcept;
   // How many commands for a later cycle were executed or dropped so far.
   std::int64_t scheduled_done() const noexcept {
@@ -114,8 +115,7 @@ class ControlLoop {
   struct CounterCells {
     std::atomic<std::int64_t> cycles{0}, encoder_frames{0}, valid_frames{0}, encoder_timeouts{0},
         superseded_frames{0}, late_frames{0}, duplicate_frames{0}, invalid_frames{0},
-        deadline_overruns{0}, send_errors{0}, confirmed_frames{0}, ignored_frames{0},
-        error_frames{0}, link_downs{0}, receive_overflows{0};
+        deadline_overruns{0}, receive_overflows{0};
   };
 
   void run_on_encoder() noexcept;
@@ -126,6 +126,7 @@ class ControlLoop {
   void run_cycle(const control::Frame* frame, const Arrival& arrival) noexcept;
   void run_cycle_without_frame(std::int64_t noticed_at) noexcept;
   void send_sync() noexcept;
+  std::int64_t bus_now() const noexcept;
   void sleep_until(std::int64_t instant) const noexcept;
   void come_to_rest() noexcept;
 
@@ -135,19 +136,17 @@ class ControlLoop {
   void forget_pending(std::size_t index) noexcept;
   void forget_arming() noexcept;
 
-  Bus& bus_;
   const control::ControllerConfig& config_;
   const LoopSettings settings_;
   const std::int64_t period_ns_;
   control::ControlCycle cycle_;
+  MonitoredBus bus_;
 
   std::atomic<bool> stop_{false};
   std::int64_t next_cycle_ = 0;
   std::int64_t late_until_ =
       0;  // CLOCK_MONOTONIC: a frame before it belongs to a period that is over
   bool frame_ever_seen_ = false;
-  bool send_failed_ = false;
-  bool link_down_ = false;
   control::Frame last_frame_;
   std::uint64_t sync_counter_ = 0;
 

@@ -45,15 +45,17 @@ UdpMulticastBus::LocalAddresses local_addresses() {
 }  // namespace
 
 UdpMulticastBus::UdpMulticastBus(FileDescriptor fd, const sockaddr_in& group,
-                                 const LocalAddresses& local, FrameFilter encoder) noexcept
-    : fd_(std::move(fd)), group_(group), local_(local), encoder_(encoder) {}
+                                 const LocalAddresses& local, const BusFrames& frames) noexcept
+    : fd_(std::move(fd)), group_(group), local_(local), frames_(frames) {}
 
-bool UdpMulticastBus::send(const control::Frame& frame) noexcept {
+SendResult UdpMulticastBus::send(const control::Frame& frame) noexcept {
   UdpMessage message;
   const std::size_t size = pack_udp_message(frame, seconds_since_epoch(), message);
-  return ::sendto(fd_.get(), message.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL,
-                  reinterpret_cast<const sockaddr*>(&group_),
-                  sizeof group_) == static_cast<ssize_t>(size);
+  const ssize_t sent = ::sendto(fd_.get(), message.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL,
+                                reinterpret_cast<const sockaddr*>(&group_), sizeof group_);
+  if (sent == static_cast<ssize_t>(size)) return SendResult::kSent;
+  return errno == ENETDOWN || errno == ENETUNREACH || errno == ENODEV ? SendResult::kLinkDown
+                                                                      : SendResult::kRefused;
 }
 
 BusEvent UdpMulticastBus::receive(ReceivedFrame& received) noexcept {
@@ -83,18 +85,16 @@ BusEvent UdpMulticastBus::receive(ReceivedFrame& received) noexcept {
   }
   const auto parsed = parse_udp_message(std::span(buffer).first(static_cast<std::size_t>(size)));
   if (!parsed) return BusEvent::kIgnored;
-  if (parsed->is_error_frame) return BusEvent::kErrorFrame;
-  if (parsed->frame.id != encoder_.id || parsed->frame.extended != encoder_.extended ||
-      parsed->frame.remote) {
-    return BusEvent::kIgnored;
-  }
   received.frame = parsed->frame;
   received.arrival_ns = data.arrival_ns;
-  return BusEvent::kFrame;
+  if (parsed->is_error_frame) return BusEvent::kErrorFrame;
+  if (frames_.encoder.matches(parsed->frame)) return BusEvent::kFrame;
+  received.monitored = frames_.monitored.find(parsed->frame);
+  return received.monitored != FrameFilterList::kMax ? BusEvent::kMonitored : BusEvent::kIgnored;
 }
 
 UdpMulticastBus open_udp_multicast_bus(const std::string& group, std::uint16_t port,
-                                       FrameFilter encoder) {
+                                       const BusFrames& frames) {
   const std::string prefix =
       "cannot join udp_multicast " + group + ":" + std::to_string(port) + ": ";
   sockaddr_in address{};
@@ -133,7 +133,7 @@ UdpMulticastBus open_udp_multicast_bus(const std::string& group, std::uint16_t p
   ip_mreqn membership{};
   membership.imr_multiaddr = address.sin_addr;
   set(IPPROTO_IP, IP_ADD_MEMBERSHIP, membership);
-  return UdpMulticastBus(std::move(fd), address, local_addresses(), encoder);
+  return UdpMulticastBus(std::move(fd), address, local_addresses(), frames);
 }
 
 }  // namespace eampc::realtime

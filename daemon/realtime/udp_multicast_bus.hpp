@@ -2,8 +2,8 @@
 //   cost: one system call per send or receive, parsing bounded by a 512-byte buffer, no heap, no
 //   lock
 // Deliberately absent: IPv6, CAN FD, transmit confirmation (UDP has none).
-// Own frames come back (every member shares the port); the filter on the encoder's identifier drops
-// them.
+// Own frames come back (every member shares the port) and cannot be told from a stranger's: what
+// carries an own identifier is dropped.
 #pragma once
 
 #include <netinet/in.h>
@@ -28,24 +28,27 @@ class UdpMulticastBus {
   };
 
   UdpMulticastBus(FileDescriptor fd, const sockaddr_in& group, const LocalAddresses& local,
-                  FrameFilter encoder) noexcept;
+                  const BusFrames& frames) noexcept;
 
-  bool send(const control::Frame& frame) noexcept;
+  SendResult send(const control::Frame& frame) noexcept;
   BusEvent receive(ReceivedFrame& received) noexcept;
 
+  bool reopen() noexcept { return false; }
+
   int fd() const noexcept { return fd_.get(); }
+  bool confirms() const noexcept { return false; }
   std::uint32_t receive_overflows() const noexcept { return receive_overflows_; }
 
  private:
   FileDescriptor fd_;
   sockaddr_in group_{};
   LocalAddresses local_;
-  FrameFilter encoder_;
+  BusFrames frames_;
   std::uint32_t receive_overflows_ = 0;
 };
 
 // Joins `group`:`port` with time-to-live 0. Throws std::runtime_error with one sentence.
 UdpMulticastBus open_udp_multicast_bus(const std::string& group, std::uint16_t port,
-                                       FrameFilter encoder);
+                                       const BusFrames& frames);
 
 }  // namespace eampc::realtime

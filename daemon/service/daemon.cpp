@@ -11,7 +11,6 @@
 #include <memory>
 #include <optional>
 #include <thread>
-#include <vector>
 
 #include "realtime/bus.hpp"
 #include "realtime/control_loop.hpp"
@@ -110,11 +109,13 @@ void check_rig(const Options& options, const LawMeta& law) {
 
 realtime::Bus open_bus(const realtime::BusAddress& address,
                        const control::ControllerConfig& config) {
-  std::vector<realtime::FrameFilter> own{{config.valve_command.id, config.valve_command.extended}};
+  realtime::BusFrames frames;
+  frames.encoder = {config.encoder.id, config.encoder.extended};
+  frames.own.add({config.valve_command.id, config.valve_command.extended});
   if (config.trigger_on_sync && config.sync.present)
-    own.push_back({config.sync.id, config.sync.extended});
+    frames.own.add({config.sync.id, config.sync.extended});
   try {
-    return realtime::open_bus(address, {config.encoder.id, config.encoder.extended}, own);
+    return realtime::open_bus(address, frames);
   } catch (const std::runtime_error& error) {
     throw BadInput(error.what());
   }

@@ -16,7 +16,12 @@ class CanBusTest : public ::testing::Test {
   CanBusTest() {
     int ends[2];
     EXPECT_EQ(::socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends), 0);
-    bus_ = std::make_unique<CanBus>(FileDescriptor(ends[0]), FrameFilter{0x181, false});
+    BusFrames frames;
+    frames.encoder = {0x181, false};
+    frames.own.add({0x201, false});
+    frames.monitored.add({0x182, false});
+    frames.monitored.add({0x701, false});
+    bus_ = std::make_unique<CanBus>(FileDescriptor(ends[0]), frames);
     wire_ = FileDescriptor(ends[1]);
   }
   void put(canid_t id, std::uint8_t length = 8) {
@@ -43,15 +48,45 @@ TEST_F(CanBusTest, HandsOnTheEncodersFrame) {
 }
 
 TEST_F(CanBusTest, TellsEverythingElseApart) {
-  put(0x182);
+  put(0x183);
   put(0x181 | CAN_EFF_FLAG);
   put(0x181 | CAN_RTR_FLAG);
-  put(0x004 | CAN_ERR_FLAG);
-  for (int i = 0; i < 3; ++i) EXPECT_EQ(bus_->receive(received_), BusEvent::kIgnored);
-  EXPECT_EQ(bus_->receive(received_), BusEvent::kErrorFrame);
+  put(0x182 | CAN_EFF_FLAG);
+  put(0x182 | CAN_RTR_FLAG);
+  put(0x201 | CAN_EFF_FLAG);
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(bus_->receive(received_), BusEvent::kIgnored);
   const char runt[3] = {};
   ASSERT_EQ(::send(wire_.get(), runt, sizeof runt, 0), 3);
   EXPECT_EQ(bus_->receive(received_), BusEvent::kIgnored);
+}
+
+TEST_F(CanBusTest, HandsOnMonitoredFramesWithTheirNumber) {
+  put(0x701, 1);
+  put(0x182);
+  ASSERT_EQ(bus_->receive(received_), BusEvent::kMonitored);
+  EXPECT_EQ(received_.monitored, 1u);
+  EXPECT_EQ(received_.frame.length, 1);
+  ASSERT_EQ(bus_->receive(received_), BusEvent::kMonitored);
+  EXPECT_EQ(received_.monitored, 0u);
+}
+
+TEST_F(CanBusTest, TellsThatSomebodyElseSendsOurCommands) {
+  put(0x201);
+  EXPECT_EQ(bus_->receive(received_), BusEvent::kForeignCommand);
+}
+
+TEST_F(CanBusTest, HandsOnErrorFramesWithClassAndData) {
+  put(0x244 | CAN_ERR_FLAG);
+  put(0x181 | CAN_ERR_FLAG);  // no encoder frame, whatever its identifier looks like
+  ASSERT_EQ(bus_->receive(received_), BusEvent::kErrorFrame);
+  EXPECT_EQ(received_.frame.id, 0x244u);
+  EXPECT_EQ(received_.frame.data[7], 7);
+  EXPECT_EQ(bus_->receive(received_), BusEvent::kErrorFrame);
+}
+
+TEST_F(CanBusTest, WithoutAnInterfaceNothingIsConfirmedOrReopened) {
+  EXPECT_FALSE(bus_->confirms());
+  EXPECT_FALSE(bus_->reopen());
 }
 
 TEST_F(CanBusTest, SendsStandardAndExtendedFrames) {
@@ -59,10 +94,10 @@ TEST_F(CanBusTest, SendsStandardAndExtendedFrames) {
   frame.id = 0x201;
   frame.length = 3;
   frame.data = {1, 2, 3};
-  ASSERT_TRUE(bus_->send(frame));
+  ASSERT_EQ(bus_->send(frame), SendResult::kSent);
   frame.id = 0x1abcdef0;
   frame.extended = true;
-  ASSERT_TRUE(bus_->send(frame));
+  ASSERT_EQ(bus_->send(frame), SendResult::kSent);
   can_frame raw{};
   ASSERT_EQ(::recv(wire_.get(), &raw, sizeof raw, 0), static_cast<ssize_t>(sizeof raw));
   EXPECT_EQ(raw.can_id, 0x201u);
@@ -75,10 +110,10 @@ TEST_F(CanBusTest, SendsStandardAndExtendedFrames) {
 TEST_F(CanBusTest, AFullQueueAndAVanishedPeerAreErrorsAndNotWaits) {
   control::Frame frame;
   int sent = 0;
-  while (bus_->send(frame) && sent < 100'000) ++sent;
+  while (bus_->send(frame) == SendResult::kSent && sent < 100'000) ++sent;
   EXPECT_LT(sent, 100'000);
   wire_.reset();
-  EXPECT_FALSE(bus_->send(frame));
+  EXPECT_EQ(bus_->send(frame), SendResult::kRefused);
   EXPECT_EQ(bus_->receive(received_), BusEvent::kNothing);
 }
 
