@@ -8,12 +8,15 @@
 
 #include <chrono>
 #include <cstring>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <thread>
 
 #include "realtime/bus.hpp"
+#include "realtime/can_link.hpp"
 #include "realtime/control_loop.hpp"
+#include "service/bus_keeper.hpp"
 #include "service/law_file.hpp"
 #include "service/operator_desk.hpp"
 #include "service/operator_socket.hpp"
@@ -129,6 +132,16 @@ realtime::BusAddress parse_bus(const std::string& url) {
   }
 }
 
+// Before the bus is opened: what an earlier process left in the interface's queue must not go out.
+void restart_interface(const realtime::BusAddress& address) {
+  if (address.transport != realtime::Transport::kSocketCan) {
+    throw BadInput("--restart-interface needs --bus socketcan:INTERFACE; leave it out");
+  }
+  if (const std::string failure = realtime::restart_link(address.interface); !failure.empty()) {
+    throw BadInput(failure);
+  }
+}
+
 void tell_ready(int fd) {
   if (fd < 0) return;
   constexpr std::string_view kReady = "ready\n";
@@ -180,6 +193,7 @@ int run_daemon(const Options& options) {
   check_rig(options, law.meta());
 
   const realtime::BusAddress address = parse_bus(options.bus_url);
+  if (options.restart_interface) restart_interface(address);
   realtime::Bus bus = open_bus(address, config);
   const auto loop = std::make_unique<realtime::ControlLoop>(
       bus, config, realtime::LoopSettings{.lockstep = options.lockstep});
@@ -208,6 +222,11 @@ int run_daemon(const Options& options) {
   RecordPump pump(*loop, desk, telemetry ? &*telemetry : nullptr, recorder ? &*recorder : nullptr,
                   external ? &*external : nullptr);
   OperatorSocket socket(options.socket_path, desk);
+  std::function<std::string()> restart;
+  if (options.restart_interface) {
+    restart = [&] { return realtime::restart_link(address.interface); };
+  }
+  BusKeeper keeper(*loop, options.bus_url, std::move(restart));
 
   // What is loaded is locked now, what the threads below still need when it is mapped.
   const realtime::RealtimeState memory = realtime::lock_memory(options.realtime);
@@ -223,6 +242,7 @@ int run_daemon(const Options& options) {
     spdlog::warn("no real time: {}", realtime_text);
   }
   pump.start();
+  keeper.start();
   socket.start();
   control_thread.begin();
   spdlog::info("rig {} on {}, T = {} ms, {}; operator socket {}", law.meta().rig_name,
@@ -235,6 +255,7 @@ int run_daemon(const Options& options) {
   socket.stop();
   const std::uint64_t disarm_id = desk.disarm();
   wait_for_rest(*loop, disarm_id, config.safety.soft_stop_ramp_s, options.lockstep);
+  keeper.stop();
   control_thread.stop();
   pump.stop();
 

@@ -21,6 +21,25 @@ control::OperatorAction action_of(Command command) {
   }
 }
 
+// Why a bus is not fit for arming, and what to do about it; empty: it is.
+std::string bus_refusal(const control::BusHealth& health, const std::string& bus_url) {
+  const std::string name = bus_url.substr(bus_url.find(':') + 1);
+  const std::string restart = "`ip link set " + name + " down` and `ip link set " + name + " up`";
+  if (health.link_down) {
+    return name + " is down or gone; bring it up with `ip link set " + name + " up`";
+  }
+  if (health.bus_off) {
+    return name + " is bus-off; check the cable, then restart it with " + restart;
+  }
+  if (!health.queue_proved_empty) {
+    return "an old command may still wait in the queue of " + name +
+           ", because no frame of ours was confirmed on the bus since it came up; switch the valve "
+           "node on, or empty the queue with " +
+           restart + " (eampcd --restart-interface does it by itself)";
+  }
+  return {};
+}
+
 const char* name_of(Command command) {
   switch (command) {
     case Command::kArm:
@@ -93,6 +112,7 @@ std::string OperatorDesk::refusal(const OperatorRequest& request) const {
     if (loop_.counters().valid_frames == 0) {
       return "no valid encoder frame was seen on " + settings_.bus_url + "; is the encoder on?";
     }
+    return bus_refusal(loop_.bus_report().health, settings_.bus_url);
   }
   return {};
 }

@@ -65,6 +65,9 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
                "The plant is an emulator: allow arming on udp_multicast, and --lockstep");
   app.add_flag("--lockstep", options.lockstep,
                "Time is counted in encoder frames; no wall-clock time-outs (needs --emulation)");
+  app.add_flag("--restart-interface", options.restart_interface,
+               "Take the CAN interface down and up at the start, and whenever it may still hold an "
+               "old command or is bus-off (needs CAP_NET_ADMIN)");
   app.add_option("--realtime", request,
                  "enforce: fail without SCHED_FIFO and locked memory; warn; off")
       ->check(silent(CLI::IsMember(requests)))

@@ -22,6 +22,7 @@ struct Options {
   std::string socket_path;  // never empty after parsing
   bool emulation = false;
   bool lockstep = false;
+  bool restart_interface = false;
   realtime::RealtimeSettings realtime;
   std::string lcm_url;  // empty: as the law file says; "none": no LCM
   std::string record_file;

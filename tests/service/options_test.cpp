@@ -19,6 +19,7 @@ TEST(Options, DefaultsAreTheSafeOnes) {
   EXPECT_EQ(options.bus_url, "socketcan:can0");
   EXPECT_FALSE(options.emulation);
   EXPECT_FALSE(options.lockstep);
+  EXPECT_FALSE(options.restart_interface);
   EXPECT_EQ(options.realtime.request, realtime::RealtimeRequest::kWarn);
   EXPECT_EQ(options.realtime.cpu, -1);
   EXPECT_TRUE(options.lcm_url.empty());
@@ -28,12 +29,13 @@ TEST(Options, DefaultsAreTheSafeOnes) {
 TEST(Options, ReadsEveryFlag) {
   const Options options =
       parse({"--law=a", "--bus=b", "--rig=r", "--socket=/tmp/s", "--emulation", "--lockstep",
-             "--realtime=enforce", "--cpu=1", "--priority=50", "--lcm-url=none", "--record=c.csv",
-             "--log-level=error", "--ready-fd=7"})
+             "--restart-interface", "--realtime=enforce", "--cpu=1", "--priority=50",
+             "--lcm-url=none", "--record=c.csv", "--log-level=error", "--ready-fd=7"})
           .options;
   EXPECT_EQ(options.rig, "r");
   EXPECT_EQ(options.socket_path, "/tmp/s");
   EXPECT_TRUE(options.lockstep);
+  EXPECT_TRUE(options.restart_interface);
   EXPECT_EQ(options.realtime.request, realtime::RealtimeRequest::kEnforce);
   EXPECT_EQ(options.realtime.cpu, 1);
   EXPECT_EQ(options.realtime.priority, 50);

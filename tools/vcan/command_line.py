@@ -43,6 +43,12 @@ def _parser() -> argparse.ArgumentParser:
         "--buses", type=_bus_count, default=1, metavar="N", help="vcan0 .. vcanN-1 (default 1)"
     )
     parser.add_argument(
+        "--echo",
+        action="store_true",
+        help="only a vcan that echoes a frame when it leaves its queue, as hardware does (a "
+        "guest's always does; this kernel's if loaded with echo=1)",
+    )
+    parser.add_argument(
         "--timeout",
         type=_positive_s,
         metavar="S",
@@ -106,6 +112,7 @@ def _request(options: argparse.Namespace) -> RunRequest:
         memory=options.mem,
         writable=writable,
         verbose=options.verbose,
+        echo=options.echo,
     )
 
 

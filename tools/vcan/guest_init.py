@@ -8,7 +8,10 @@ command. The control line says START, FAIL <why> or EXIT <status>.
 import shlex
 from pathlib import Path
 
+from vcan import kernel_modules
+
 _COMMON = r"""
+options() { for o in $OPTIONS; do [ "${o%%:*}" = "$1" ] && echo "${o#*:}"; done; }
 fail() { echo "FAIL $*" >&9; $BB sleep 1; $BB poweroff -f; }
 set_up_devices() {
   $BB mount -t proc proc "$R/proc"; $BB mount -t sysfs sysfs "$R/sys"
@@ -57,7 +60,9 @@ $BB mount -t tmpfs tmpfs "$T"; $BB mkdir "$T/up" "$T/work" "$R" "$T/dev"
 $BB mount -t devtmpfs dev "$T/dev"
 for tty in ttyS0 ttyS1 ttyS2; do $BB stty raw -echo < "$T/dev/$tty"; done
 exec 9> "$T/dev/ttyS2"
-for m in $MODULES; do $BB insmod "$RUN/modules/$m.ko" || fail "module $m does not load"; done
+for m in $MODULES; do
+  $BB insmod "$RUN/modules/$m.ko" $(options $m) || fail "module $m does not load"
+done
 $BB mount -t overlay -o "lowerdir=/,upperdir=$T/up,workdir=$T/work" overlay "$R" \
   || fail "no overlay over the host's files"
 set_up_devices
@@ -71,7 +76,9 @@ run_command
 _QEMU = r"""
 R=$T/root; OUT=/dev/vport0p1; ERR=/dev/vport0p2; CONTROL=/dev/vport0p3
 $BB mount -t proc proc /proc; $BB mount -t sysfs sysfs /sys; $BB mount -t devtmpfs dev /dev
-for m in $MODULES; do $BB insmod "/modules/$m.ko" || echo "module $m does not load"; done
+for m in $MODULES; do
+  $BB insmod "/modules/$m.ko" $(options $m) || echo "module $m does not load"
+done
 i=0
 while [ ! -c $CONTROL ] && [ $i -lt 1000 ]; do $BB usleep 10000; i=$((i + 1)); done
 exec 9> $CONTROL
@@ -94,6 +101,8 @@ run_command
 
 
 def _script(body: str, settings: dict[str, str], writable: list[Path]) -> str:
+    options = " ".join(f"{module}:{option}" for module, option in kernel_modules.OPTIONS.items())
+    settings = settings | {"OPTIONS": options}
     head = "".join(f"{name}={shlex.quote(value)}\n" for name, value in settings.items())
     body = body.replace("@WRITABLE@", shlex.join(map(str, writable)))
     return f"#!{settings['BB']} sh\n{head}{_COMMON}{body}"

@@ -43,7 +43,14 @@ class Place:
     undo: list[list[str]]
 
 
+def _echoes() -> bool:
+    parameter = Path("/sys/module/vcan/parameters/echo")
+    return parameter.exists() and parameter.read_text().strip() == "Y"
+
+
 def find_place(request: RunRequest) -> Place:
+    if request.echo and not _echoes():
+        raise BackendMissing("this kernel's vcan is not loaded with echo=1")
     ip = program("ip", "iproute2")
     unshare = program("unshare", "util-linux")
     user = [] if os.geteuid() == 0 else ["--user", "--map-current-user", "--keep-caps"]

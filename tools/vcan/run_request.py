@@ -26,6 +26,7 @@ class RunRequest:
     memory: str
     writable: list[Path]
     verbose: bool
+    echo: bool = False  # a vcan that echoes a frame when it leaves the queue
     cwd: Path = field(default_factory=lambda: Path.cwd().resolve())
 
     def environment(self, backend: str) -> dict[str, str]:
