@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from pydantic import Field
+
 from eampc_rig.field_types import Name, Section
 
 
@@ -47,14 +51,45 @@ class SyncMessage(Section):
 
 
 class HeartbeatMessage(Section):
-    """Table bus.heartbeat: sent by the joint node every 0.1 s."""
+    """Table bus.heartbeat: sent by the joint node every 0.1 s; the daemon watches for it.
+
+    state_signal carries CANopen's node state; 0 says that the node has just started.
+    """
 
     message: Name = "Heartbeat"
     state_signal: Name | None = None
+    crc_signal: Name | None = None
+
+
+class EmergencyMessage(Section):
+    """Table bus.emergency: the node's own alarm. Code 0 takes it back; without error_code_signal
+    every frame is an alarm."""
+
+    message: Name
+    error_code_signal: Name | None = None
+    crc_signal: Name | None = None
+
+
+class EStopMessage(Section):
+    """Table bus.e_stop: any raw value of stop_signal but released_raw is a pressed button."""
+
+    message: Name
+    stop_signal: Name
+    released_raw: Annotated[int, Field(ge=0)] = 0
+    crc_signal: Name | None = None
+
+
+class IdentityMessage(Section):
+    """Table bus.identity: for which rig the node was set up, as the law file's inputs_crc32."""
+
+    message: Name
+    inputs_crc32_signal: Name
+    crc_signal: Name | None = None
 
 
 class BusSection(Section):
-    """Section [bus]. Without bus.heartbeat, the DBC's message Heartbeat is used if it has one."""
+    """Section [bus]. The daemon monitors the messages that have a table here; the emulator also
+    sends the DBC's message Heartbeat where there is no bus.heartbeat."""
 
     dbc: Name
     encoder: EncoderMessage
@@ -62,3 +97,6 @@ class BusSection(Section):
     valve_feedback: ValveFeedbackMessage | None = None
     sync: SyncMessage | None = None
     heartbeat: HeartbeatMessage | None = None
+    emergency: EmergencyMessage | None = None
+    e_stop: EStopMessage | None = None
+    identity: IdentityMessage | None = None

@@ -19,6 +19,16 @@ if TYPE_CHECKING:
 
 MAX_CLASSIC_BYTES = 8
 DEFAULT_HEARTBEAT = "Heartbeat"
+MESSAGES = (
+    "encoder",
+    "valve_command",
+    "valve_feedback",
+    "sync",
+    "heartbeat",
+    "emergency",
+    "e_stop",
+    "identity",
+)
 
 
 @dataclass(frozen=True)
@@ -30,9 +40,16 @@ class Frames:
     valve_feedback: MessageCodec | None
     sync: MessageCodec | None
     heartbeat: MessageCodec | None
+    emergency: MessageCodec | None = None
+    e_stop: MessageCodec | None = None
+    identity: MessageCodec | None = None
+    e_stop_released_raw: int = 0
+    heartbeat_monitored: bool = False  # False: only the DBC has one
 
     def layout(self) -> dict[str, Any]:
-        """Return the `bus` table of the law file: encoder, valve_command, sync, valve_feedback."""
+        """Return the `bus` table of the law file: encoder, valve_command, sync, and the monitored
+        messages valve_feedback, heartbeat, emergency, e_stop (with released_raw), identity; None
+        where the rig has none."""
         sync = None
         if self.sync is not None:
             whole = self.sync.layout()
@@ -46,8 +63,16 @@ class Frames:
             "encoder": self.encoder.layout(),
             "valve_command": self.valve_command.layout(),
             "sync": sync,
-            "valve_feedback": self.valve_feedback.layout() if self.valve_feedback else None,
+            "valve_feedback": _layout(self.valve_feedback),
+            "heartbeat": _layout(self.heartbeat if self.heartbeat_monitored else None),
+            "emergency": _layout(self.emergency),
+            "e_stop": _layout(self.e_stop, released_raw=self.e_stop_released_raw),
+            "identity": _layout(self.identity),
         }
+
+
+def _layout(codec: MessageCodec | None, **more: int) -> dict[str, Any] | None:
+    return None if codec is None else {**codec.layout(), **more}
 
 
 def resolve_frames(rig: Rig) -> Frames:
@@ -63,6 +88,11 @@ def resolve_frames(rig: Rig) -> Frames:
         valve_feedback=_optional(rig, database, "valve_feedback", rig.bus.valve_feedback),
         sync=_optional(rig, database, "sync", rig.bus.sync),
         heartbeat=_heartbeat(rig, database),
+        emergency=_optional(rig, database, "emergency", rig.bus.emergency),
+        e_stop=_optional(rig, database, "e_stop", rig.bus.e_stop),
+        identity=_optional(rig, database, "identity", rig.bus.identity),
+        e_stop_released_raw=0 if rig.bus.e_stop is None else rig.bus.e_stop.released_raw,
+        heartbeat_monitored=rig.bus.heartbeat is not None,
     )
     _check_ids(rig, frames)
     low, high = rig.valve.min_V, rig.valve.max_V
@@ -110,7 +140,11 @@ def _heartbeat(rig: Rig, database: Database) -> MessageCodec | None:
 def _codec(rig: Rig, database: Database, key: str, table: Section) -> MessageCodec:
     names = table.model_dump(exclude_none=True)
     message = _message(rig, database, f"bus.{key}.message", names.pop("message"))
-    roles = {name.removesuffix("_signal"): signal for name, signal in names.items()}
+    roles = {
+        name.removesuffix("_signal"): signal
+        for name, signal in names.items()
+        if name.endswith("_signal")
+    }
     seen: dict[str, str] = {}
     for role, name in roles.items():
         _signal(rig, message, f"bus.{key}.{role}_signal", name)
@@ -176,7 +210,7 @@ def _check_crc(rig: Rig, key: str, signal: Signal) -> None:
 
 def _check_ids(rig: Rig, frames: Frames) -> None:
     seen: dict[tuple[int, bool], str] = {}
-    for key in ("encoder", "valve_command", "valve_feedback", "sync", "heartbeat"):
+    for key in MESSAGES:
         codec: MessageCodec | None = getattr(frames, key)
         if codec is None:
             continue
