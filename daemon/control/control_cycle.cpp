@@ -8,6 +8,7 @@ namespace eampc::control {
 ControlCycle::ControlCycle(const ControllerConfig& config) noexcept
     : config_(config),
       encoder_codec_(config.encoder),
+      monitor_codec_(config),
       state_estimator_(config),
       disturbance_estimator_(config),
       explicit_law_(config),
@@ -65,9 +66,10 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
   if (input.new_reference != nullptr) {
     trajectory_ = *input.new_reference;
   }
-  const EncoderSample sample = encoder_codec_.decode(input.encoder_frame);
+  EncoderSample sample = encoder_codec_.decode(input.encoder_frame);
   const std::int32_t elapsed = elapsed_periods(sample);
-  const SafetyState charge = safety_.advance({sample.verdict, input.action, input.bus, elapsed});
+  const MonitorSample monitor = monitor_codec_.take();
+  const SafetyState charge = safety_.advance({monitor, input.bus, input.action, elapsed}, sample);
   cycle_ += elapsed;
 
   // A refused command left the one before it on the valves.
@@ -76,8 +78,8 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
     disturbance_estimator_.predict(u_on_valves_);
     state_estimator_.predict(u_on_valves_, disturbance_estimator_.for_prediction());
   }
-  if (charge.entered_active) {
-    disturbance_estimator_.enter_active();
+  if (charge.law_begins) {
+    disturbance_estimator_.law_begins();
   }
 
   CycleOutput output;
@@ -85,6 +87,10 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
   record.cycle = std::max<std::int64_t>(cycle_, 0);
   record.scenario_time_s = charge.scenario_time_s;
   record.sample = sample;
+  record.pressure1_kPa = monitor.pressure1_kPa;
+  record.pressure2_kPa = monitor.pressure2_kPa;
+  record.supply_pressure_kPa = monitor.supply_pressure_kPa;
+  record.bus = input.bus;
   predicted_ |= elapsed > 0;
   // A sample corrects the prediction for its own instant, once.
   if (predicted_ && (elapsed > 0 || sample.verdict == SampleVerdict::kValid)) {
@@ -97,7 +103,12 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
 
   const bool reference_clamped =
       read_reference(std::max(0.0, charge.scenario_time_s), record.reference);
-  if (charge.mode == Mode::kActive) {
+  if (charge.mode != Mode::kActive) {
+    // Before ACTIVE the law holds the joint where the reference will begin.
+    record.reference.velocity_rad_s = 0.0;
+    record.reference.acceleration_rad_s2 = 0.0;
+  }
+  if (charge.law_acts) {
     record.law = explicit_law_.decide(record.state, record.disturbance, record.reference);
   }
   const SafetyDecision decision = safety_.decide(record.state, record.disturbance, record.law);
@@ -109,8 +120,12 @@ CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
 
   output.command = command.frame;
   record.valves = command.sent;
-  record.mode = safety_.state().mode;
-  record.fault = safety_.state().fault;
+  const SafetyState after = safety_.state();
+  record.mode = after.mode;
+  record.fault = after.fault;
+  record.present_faults = after.present_faults;
+  record.refusal = after.refusal;
+  record.refusal_cause = after.refusal_cause;
   record.limits = decision.limits | (reference_clamped ? kLimitReferenceRange : kLimitNone);
   return output;
 }

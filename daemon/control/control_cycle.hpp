@@ -1,5 +1,6 @@
 // One control period, pure: encoder frame in → valve frame out, in the order
-//   encoder_codec → state_estimator → disturbance_estimator → explicit_law → safety → valve_codec.
+//   encoder_codec → state_estimator → disturbance_estimator → explicit_law → safety → valve_codec;
+// frames of the monitored messages come in beside it, by observe().
 // No clock, heap, I/O or throw. Who calls it decides when a period is over and says so by handing
 // in a frame or none.
 #pragma once
@@ -11,6 +12,7 @@
 #include "control/disturbance_estimator.hpp"
 #include "control/encoder_codec.hpp"
 #include "control/explicit_law.hpp"
+#include "control/monitor_codec.hpp"
 #include "control/reference_trajectory.hpp"
 #include "control/safety.hpp"
 #include "control/state_estimator.hpp"
@@ -22,7 +24,6 @@ struct CycleInput {
   const Frame* encoder_frame = nullptr;  // nullptr: the period passed without one
   OperatorAction action = OperatorAction::kNone;
   const ReferenceTrajectory* new_reference = nullptr;  // replaces the present one
-  MonitoredFrames monitored;
   BusHealth bus;
 };
 
@@ -31,6 +32,10 @@ struct CycleRecord {
   std::int64_t cycle = 0;
   double scenario_time_s = 0.0;  // since ACTIVE began; negative before
   EncoderSample sample;
+  double pressure1_kPa = 0.0;  // newest feedback; 0 before the first
+  double pressure2_kPa = 0.0;
+  double supply_pressure_kPa = 0.0;
+  BusHealth bus;
   StateEstimate state;
   DisturbanceEstimate disturbance;
   Reference reference;
@@ -55,6 +60,10 @@ class ControlCycle {
  public:
   explicit ControlCycle(const ControllerConfig& config) noexcept;  // keeps a reference
 
+  // A frame of a monitored message (valve feedback, heartbeat, emergency, E-stop, identity), when
+  // it arrives; it counts for the next step(). Any other frame is ignored.
+  void observe(const Frame& frame) noexcept { monitor_codec_.observe(frame); }
+
   // One call per period. A frame that repeats the last counter does not count as a period the first
   // time: the record keeps its cycle, the last decision is sent again.
   CycleOutput step(const CycleInput& input) noexcept;
@@ -73,6 +82,7 @@ class ControlCycle {
 
   const ControllerConfig& config_;
   EncoderCodec encoder_codec_;
+  MonitorCodec monitor_codec_;
   StateEstimator state_estimator_;
   DisturbanceEstimator disturbance_estimator_;
   ExplicitLaw explicit_law_;

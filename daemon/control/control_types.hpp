@@ -45,16 +45,6 @@ struct EncoderSample {
   std::uint32_t missed_frames = 0;  // counter gap before this frame
 };
 
-// The newest frames of the monitored messages since the last cycle; nullptr: none came. An alarm
-// must not be overwritten by a later all-clear of the same period: see monitor_codec.hpp.
-struct MonitoredFrames {
-  const Frame* valve_feedback = nullptr;
-  const Frame* heartbeat = nullptr;
-  const Frame* emergency = nullptr;
-  const Frame* e_stop = nullptr;
-  const Frame* identity = nullptr;
-};
-
 struct StateEstimate {
   std::array<double, kMaxStates> x{};  // θ rad, θ̇ rad/s, v (units of u)
   double innovation_rad = 0.0;         // measured minus predicted angle; 0 without a measurement

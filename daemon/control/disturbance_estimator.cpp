@@ -74,7 +74,7 @@ std::array<double, kMaxMeasured> DisturbanceEstimator::for_prediction() const no
   return {delta[0], delta[1]};
 }
 
-void DisturbanceEstimator::enter_active() noexcept {
+void DisturbanceEstimator::law_begins() noexcept {
   if (config_.estimator.kind == EstimatorKind::kKalman) {
     sigma_.setZero();
     for_law_.setZero();

@@ -28,7 +28,7 @@ class DisturbanceEstimator {
 
   // ACTIVE begins: what a Kalman d̂ learnt under another common-mode pressure is worth nothing now.
   // The adaptive estimate forgets within one period by itself.
-  void enter_active() noexcept;
+  void law_begins() noexcept;
 
  private:
   // Where σ̂ settles under a constant δ = 1: e^{−aT}, or T Φ(T) with x held.

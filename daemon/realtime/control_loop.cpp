@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <utility>
 
 #include "control/frame_codec.hpp"
 #include "realtime/kernel_stamp.hpp"
@@ -121,7 +122,7 @@ void ControlLoop::run_on_encoder() noexcept {
         for (const std::int64_t now = now_ns(CLOCK_MONOTONIC); deadline <= now;
              deadline += period_ns_) {
           count(cells_.encoder_timeouts);
-          count(cells_.deadline_overruns);
+          miss_deadline();
         }
         break;
     }
@@ -153,7 +154,7 @@ void ControlLoop::run_on_sync() noexcept {
     }
     grid += period_ns_;
     for (const std::int64_t now = now_ns(CLOCK_MONOTONIC); grid < now; grid += period_ns_) {
-      count(cells_.deadline_overruns);
+      miss_deadline();
     }
   }
 }
@@ -185,6 +186,7 @@ bool ControlLoop::take_frame(Arrival& arrival) noexcept {
     ReceivedFrame received;
     const BusEvent event = bus_.receive(received, now);
     if (event == BusEvent::kNothing) break;
+    if (event == BusEvent::kMonitored) cycle_.observe(received.frame);
     if (event != BusEvent::kFrame) continue;
     count(cells_.encoder_frames);
     if (found) {
@@ -228,6 +230,7 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
   input.new_reference = take_reference();
   const std::int64_t bus_instant = bus_now();
   input.bus = bus_.take_health(bus_instant);
+  input.bus.deadline_overruns = std::exchange(new_overruns_, 0);
   const control::CycleOutput output = cycle_.step(input);
   const std::int64_t decided_at = now_ns(CLOCK_MONOTONIC);
 
@@ -266,7 +269,7 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
     }
     arrival_to_sent_.add(record.arrival_to_sent_us);
     if (!settings_.lockstep && sent_at - arrival.arrived_at > period_ns_) {
-      count(cells_.deadline_overruns);
+      miss_deadline();
     }
   }
   bus_.publish(bus_instant);
@@ -278,6 +281,11 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
     }
   }
   records_.push(record);
+}
+
+void ControlLoop::miss_deadline() noexcept {
+  count(cells_.deadline_overruns);
+  ++new_overruns_;
 }
 
 void ControlLoop::send_sync() noexcept {

@@ -126,6 +126,7 @@ class ControlLoop {
   void run_cycle(const control::Frame* frame, const Arrival& arrival) noexcept;
   void run_cycle_without_frame(std::int64_t noticed_at) noexcept;
   void send_sync() noexcept;
+  void miss_deadline() noexcept;
   std::int64_t bus_now() const noexcept;
   void sleep_until(std::int64_t instant) const noexcept;
   void come_to_rest() noexcept;
@@ -147,6 +148,7 @@ class ControlLoop {
   std::int64_t late_until_ =
       0;  // CLOCK_MONOTONIC: a frame before it belongs to a period that is over
   bool frame_ever_seen_ = false;
+  std::int32_t new_overruns_ = 0;  // since the last cycle
   control::Frame last_frame_;
   std::uint64_t sync_counter_ = 0;
 

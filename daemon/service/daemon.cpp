@@ -117,6 +117,12 @@ realtime::Bus open_bus(const realtime::BusAddress& address,
   frames.own.add({config.valve_command.id, config.valve_command.extended});
   if (config.trigger_on_sync && config.sync.present)
     frames.own.add({config.sync.id, config.sync.extended});
+  for (const control::MonitoredLayout* layout :
+       std::initializer_list<const control::MonitoredLayout*>{&config.valve_feedback,
+                                                              &config.heartbeat, &config.emergency,
+                                                              &config.e_stop, &config.identity}) {
+    if (layout->present) frames.monitored.add({layout->id, layout->extended});
+  }
   try {
     return realtime::open_bus(address, frames);
   } catch (const std::runtime_error& error) {

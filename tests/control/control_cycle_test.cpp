@@ -40,6 +40,14 @@ class LinearJoint {
   const ControllerConfig& config_;
 };
 
+// A bus that queues nothing.
+CycleInput input_of(const Frame* encoder_frame) {
+  CycleInput input;
+  input.encoder_frame = encoder_frame;
+  input.bus.queue_proved_empty = true;
+  return input;
+}
+
 class ControlCycleTest : public testing::Test {
  protected:
   ControlCycleTest() {
@@ -56,8 +64,7 @@ class ControlCycleTest : public testing::Test {
 
   CycleRecord step(OperatorAction action = OperatorAction::kNone, bool lost = false) {
     const Frame frame = plant_->frame();
-    CycleInput input;
-    input.encoder_frame = lost ? nullptr : &frame;
+    CycleInput input = input_of(lost ? nullptr : &frame);
     input.action = action;
     input.new_reference = reference_set_ ? nullptr : &reference_;
     reference_set_ = true;
@@ -127,8 +134,7 @@ TEST_F(ControlCycleTest, ADuplicateIsNoPeriodButAFrozenEncoderIsAFault) {
   step(OperatorAction::kArm);
   for (int k = 0; k < 12; ++k) step();
   const Frame frame = plant_->frame();
-  CycleInput input;
-  input.encoder_frame = &frame;
+  CycleInput input = input_of(&frame);
   const CycleRecord fresh = cycle_->step(input).record;
   const CycleRecord repeated = cycle_->step(input).record;
   EXPECT_EQ(repeated.sample.verdict, SampleVerdict::kDuplicate);
@@ -228,14 +234,12 @@ TEST_F(ControlCycleTest, ARefusedCommandIsNotBelievedToActOnTheValves) {
   step();
   set_reference(0.1);  // a jump of the control in this command, which the bus then refuses
   const Frame first = plant_->frame();
-  CycleInput input;
-  input.encoder_frame = &first;
+  CycleInput input = input_of(&first);
   input.new_reference = &reference_;
   const CycleRecord jump = cycle_->step(input).record;
   EXPECT_GT(std::abs(jump.law.u), 1.0);
   const Frame second = plant_->frame();
-  input = {};
-  input.encoder_frame = &second;
+  input = input_of(&second);
   input.bus.send_refused = true;
   EXPECT_EQ(cycle_->step(input).record.state.x[2],
             jump.state.x[2] * joint_.config.model.A_star(2, 2));
@@ -262,8 +266,7 @@ TEST_F(ControlCycleTest, RandomFramesNeverLeaveBoxOrSlewOnTheWire) {
     if (random() % 20 == 0)
       frame.data[random() % 8] ^= static_cast<std::uint8_t>(1u << (random() % 8));
     if (random() % 50 == 0) frame.length = static_cast<std::uint8_t>(random() % 9);
-    CycleInput input;
-    input.encoder_frame = random() % 10 == 0 ? nullptr : &frame;
+    CycleInput input = input_of(random() % 10 == 0 ? nullptr : &frame);
     input.action = static_cast<OperatorAction>(random() % 200 == 0 ? random() % 4 : 0);
     if (random() % 20 == 0)
       input.action = random() % 2 == 0 ? OperatorAction::kArm : OperatorAction::kReset;

@@ -189,7 +189,7 @@ TEST(DisturbanceEstimator, KalmanAddsGainTimesInnovationAndForgetsAtActiveEntry)
   EXPECT_NEAR(d.for_law[1], 1.0, 1e-12);
   EXPECT_NEAR(estimator.for_prediction()[1], 2.0,
               1e-12);  // the filter's own d̂, not the low-passed one
-  estimator.enter_active();
+  estimator.law_begins();
   EXPECT_EQ(estimator.for_prediction()[1], 0.0);
 }
 

@@ -24,6 +24,7 @@ class SafetyTest : public testing::Test {
   SafetyTest() {
     joint_.config.safety.arming_ramp_s = 0.05;
     joint_.config.safety.soft_stop_ramp_s = 0.05;
+    joint_.config.safety.encoder_invalid_frames = 100;  // the time-out comes first
     rebuild();
   }
 
@@ -32,12 +33,19 @@ class SafetyTest : public testing::Test {
   // One whole cycle: both halves, what was decided counts as sent.
   SafetyState cycle(OperatorAction action = kNone, SampleVerdict verdict = SampleVerdict::kValid,
                     double u = 0.0, bool send_failed = false) {
-    entered_ = safety_->advance({verdict, action, bus(send_failed), 1}).entered_active;
+    entered_ = advance(verdict, action, send_failed, 1).law_begins;
     LawOutput law;
     law.u = u;
     decision_ = safety_->decide({}, {}, law);
     safety_->sent(decision_.demand.voltages);
     return safety_->state();
+  }
+
+  SafetyState advance(SampleVerdict verdict, OperatorAction action, bool send_refused,
+                      std::int32_t elapsed_periods) {
+    EncoderSample sample;
+    sample.verdict = verdict;
+    return safety_->advance({{}, bus(send_refused), action, elapsed_periods}, sample);
   }
 
   static BusHealth bus(bool send_refused) {
@@ -144,7 +152,11 @@ TEST_F(SafetyTest, ArmNeedsAFreshSample) {
   cycle();
   for (int i = 0; i < 4; ++i) cycle(kNone, SampleVerdict::kMissing);
   EXPECT_EQ(cycle(kArm, SampleVerdict::kMissing).mode, Mode::kDisarmed);
+  EXPECT_EQ(safety_->state().refusal, Refusal::kCausePresent);
+  EXPECT_EQ(safety_->state().refusal_cause, Fault::kEncoderTimeout);
+  EXPECT_EQ(cycle(kArm).mode, Mode::kDisarmed);  // the frame that ends the silence
   EXPECT_EQ(cycle(kArm).mode, Mode::kArming);
+  EXPECT_EQ(safety_->state().refusal, Refusal::kNone);
 }
 
 TEST_F(SafetyTest, ArmIsRefusedWhileTheBusRefusesFrames) {
@@ -254,17 +266,16 @@ TEST_F(SafetyTest, AValidFrameRestartsTheTimeOut) {
 TEST_F(SafetyTest, ACounterGapAsLongAsTheTimeOutIsASilence) {
   for (const int lost : {3, 4}) {
     go(Mode::kActive);
-    safety_->advance({SampleVerdict::kValid, kNone, bus(false), 1 + lost});
+    advance(SampleVerdict::kValid, kNone, false, 1 + lost);
     EXPECT_EQ(safety_->state().mode, lost < 4 ? Mode::kActive : Mode::kSoftStop);
     EXPECT_EQ(safety_->state().fault, lost < 4 ? Fault::kNone : Fault::kEncoderTimeout);
   }
   go(Mode::kActive);
   cycle(kNone, SampleVerdict::kMissing);
-  safety_->advance(
-      {SampleVerdict::kValid, kNone, bus(false), 4});  // one empty period and three more
+  advance(SampleVerdict::kValid, kNone, false, 4);  // one empty period and three more
   EXPECT_EQ(safety_->state().fault, Fault::kEncoderTimeout);
   go(Mode::kDisarmed);
-  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 15});
+  advance(SampleVerdict::kValid, kNone, false, 15);
   EXPECT_EQ(safety_->state().fault, Fault::kNone);
 }
 
@@ -289,7 +300,7 @@ TEST_F(SafetyTest, NotFiniteIsStoppedInItsOwnCycle) {
 
 TEST_F(SafetyTest, ANotFiniteEstimateIsAFaultEvenWithAFiniteLaw) {
   go(Mode::kActive);
-  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 1});
+  advance(SampleVerdict::kValid, kNone, false, 1);
   StateEstimate state;
   state.x[1] = std::numeric_limits<double>::quiet_NaN();
   safety_->decide(state, {}, {});
@@ -341,7 +352,7 @@ TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
   go(Mode::kActive);
   cycle(kNone, SampleVerdict::kValid, 4.0);
   ASSERT_NEAR(u1(), 5.5, 1e-12);
-  safety_->advance({SampleVerdict::kDuplicate, kNone, bus(false), 0});
+  advance(SampleVerdict::kDuplicate, kNone, false, 0);
   LawOutput law;
   law.u = 4.0;
   decision_ = safety_->decide({}, {}, law);
@@ -351,7 +362,7 @@ TEST_F(SafetyTest, ARepeatedFrameGivesNoSecondSlewStep) {
 
 TEST_F(SafetyTest, LimitsOfTheLawArePublished) {
   go(Mode::kActive);
-  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 1});
+  advance(SampleVerdict::kValid, kNone, false, 1);
   LawOutput law;
   law.parameter_clamped = true;
   law.at_range_end = true;
@@ -360,7 +371,7 @@ TEST_F(SafetyTest, LimitsOfTheLawArePublished) {
 
 TEST_F(SafetyTest, LostFramesCountAsPeriods) {
   go(Mode::kActive);
-  safety_->advance({SampleVerdict::kValid, kNone, bus(false), 3});
+  advance(SampleVerdict::kValid, kNone, false, 3);
   EXPECT_DOUBLE_EQ(safety_->state().scenario_time_s, 0.015);
 }
 

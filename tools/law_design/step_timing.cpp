@@ -58,7 +58,7 @@ class EstimatorsAndLawReplay {
     inputs_.reserve(rows.size());
     double u_on_valves = 0.0;
     for (const SimulatedCycle& row : rows) {
-      const bool active = row.record.mode == control::Mode::kActive;
+      const bool active = row.record.law.region >= 0;
       inputs_.push_back({row.record.sample, row.record.reference, u_on_valves,
                          active && !(inputs_.empty() || inputs_.back().active), active});
       const control::ValveVoltages& valves = row.record.valves;
@@ -71,7 +71,7 @@ class EstimatorsAndLawReplay {
     const Input& input = inputs_[k];
     disturbance_estimator_.predict(input.u_on_valves);
     state_estimator_.predict(input.u_on_valves, disturbance_estimator_.for_prediction());
-    if (input.enters_active) disturbance_estimator_.enter_active();
+    if (input.enters_active) disturbance_estimator_.law_begins();
     const control::StateEstimate state = state_estimator_.correct(input.sample);
     const control::DisturbanceEstimate disturbance = disturbance_estimator_.update(state);
     return input.active ? law_.decide(state, disturbance, input.reference).u : 0.0;
