@@ -62,7 +62,7 @@ std::int32_t ControlCycle::elapsed_periods(const EncoderSample& sample) noexcept
   return std::max(0, due);
 }
 
-CycleOutput ControlCycle::step(const CycleInput& input) noexcept {
+CycleOutput ControlCycle::step(const CycleInput& input) noexcept EAMPC_NONBLOCKING {
   if (input.new_reference != nullptr) {
     trajectory_ = *input.new_reference;
   }

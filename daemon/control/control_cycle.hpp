@@ -13,6 +13,7 @@
 #include "control/encoder_codec.hpp"
 #include "control/explicit_law.hpp"
 #include "control/monitor_codec.hpp"
+#include "control/nonblocking.hpp"
 #include "control/reference_trajectory.hpp"
 #include "control/safety.hpp"
 #include "control/state_estimator.hpp"
@@ -66,7 +67,7 @@ class ControlCycle {
 
   // One call per period. A frame that repeats the last counter does not count as a period the first
   // time: the record keeps its cycle, the last decision is sent again.
-  CycleOutput step(const CycleInput& input) noexcept;
+  CycleOutput step(const CycleInput& input) noexcept EAMPC_NONBLOCKING;
 
   Mode mode() const noexcept;
   // True when SIGTERM may end the process: outputs are at the safe value.

@@ -22,6 +22,8 @@
 #include <cstdint>
 #include <span>
 
+#include "control/nonblocking.hpp"
+
 namespace eampc::control {
 
 // e (3), u_ss, y_r and ẏ_r make 6 today; two spare.
@@ -62,7 +64,7 @@ struct LeafCode {
 
 // A law as it runs: spans into 64-byte aligned storage owned by whoever packed it.
 struct PackedLaw {
-  using Function = LawValue (*)(const PackedLaw& law, const double* p) noexcept;
+  using Function = LawValue (*)(const PackedLaw& law, const double* p) noexcept EAMPC_NONBLOCKING;
 
   Function function = nullptr;  ///< chosen once, by np, shape and processor
   int n_parameters = 0;

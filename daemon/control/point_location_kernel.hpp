@@ -176,7 +176,7 @@ inline LawValue flat_value(const PackedLaw& law, const double* p, const Point<Np
 }
 
 template <std::size_t Np, bool kFlat, bool kGeneral>
-LawValue law_value(const PackedLaw& law, const double* p) noexcept {
+LawValue law_value(const PackedLaw& law, const double* p) noexcept EAMPC_NONBLOCKING {
   double sign = 1.0;
   double turned[Np];
   if (law.fold.size() != 0) {

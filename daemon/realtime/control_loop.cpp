@@ -82,7 +82,7 @@ LoopCounters ControlLoop::counters() const noexcept {
           .telemetry_dropped = static_cast<std::int64_t>(records_.dropped())};
 }
 
-void ControlLoop::run() noexcept {
+void ControlLoop::run() noexcept EAMPC_NONBLOCKING {
   if (config_.trigger_on_sync && !settings_.lockstep) {
     run_on_sync();
   } else {

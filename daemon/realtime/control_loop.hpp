@@ -85,8 +85,8 @@ class ControlLoop {
   // All arguments must outlive the loop.
   ControlLoop(Bus& bus, const control::ControllerConfig& config, LoopSettings settings);
 
-  void
-  run() noexcept;  // returns after request_stop(), outputs at the safe value, the last frame sent
+  // Returns after request_stop(), outputs at the safe value, the last frame sent.
+  void run() noexcept EAMPC_NONBLOCKING;
   void request_stop() noexcept;  // from any thread
 
   CommandQueue& commands() noexcept { return commands_; }
