@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from eampc_rig.bus_url import open_bus
+from eampc_rig.bus_url import open_bus, parse_bus_url
 from eampc_rig.frames import resolve_frames
 from eampc_rig.overrides import parse_override
 from eampc_rig.rig_error import RigError
 from eampc_rig.rig_file import Rig, load_rig
 from eampc_rig.scenario_sections import DisturbanceTerm
 
+from plant_emulator.bus_faults import BusFaults
+from plant_emulator.can_interface import CanInterface
+from plant_emulator.command_log import CommandLog
 from plant_emulator.emulator_error import EmulatorError
 from plant_emulator.encoder import Encoder
 from plant_emulator.fault_injection import FaultInjector, parse_fault
@@ -78,7 +81,21 @@ def emulate(
         list[str] | None,
         typer.Option(
             metavar="KIND@FRAME[:COUNT[:VALUE]]",
-            help="drop, delay (VALUE s), duplicate, corrupt (VALUE bit), freeze or stop.",
+            help="drop, delay (VALUE s), duplicate, corrupt (VALUE bit), freeze or stop; or a "
+            "fault of eampc hil --fault list.",
+        ),
+    ] = None,
+    command_log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Every command frame received, as CSV.")
+    ] = None,
+    daemon_pid: Annotated[
+        int | None,
+        typer.Option(min=2, metavar="PID", help="The daemon, for the fault deadline_overruns."),
+    ] = None,
+    inputs_crc32: Annotated[
+        int | None,
+        typer.Option(
+            min=0, metavar="N", help="What the identity message says. Default: the rig's."
         ),
     ] = None,
 ) -> None:
@@ -87,30 +104,35 @@ def emulate(
     faults = FaultInjector([parse_fault(text) for text in fault or []], loaded.control.period_s)
     codecs = resolve_frames(loaded)
     truth = TruthLog(log)
+    commands = CommandLog(command_log, codecs.valve_command)
     telemetry = _telemetry(loaded, lcm_url)
     valve_node = ValveNode(
         codecs.valve_command, loaded.valve.safe_V, loaded.emulator.valve_timeout_s
     )
     plant = Plant(loaded, _terms(loaded, scenario), lead_frames)
     encoder = Encoder.from_rig(loaded, codecs)
-    node = JointNode(loaded, codecs, plant, encoder, valve_node, faults)
+    node = JointNode(loaded, codecs, plant, encoder, valve_node, faults, commands, inputs_crc32)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     link = open_bus(bus)
+    bus_faults = BusFaults(faults, _interface(bus))
     try:
         if lockstep:
-            pacing, way = LockStep(link, node, stop), "lock-step"
+            pacing, way = LockStep(link, node, stop, bus_faults), "lock-step"
         elif loaded.control.trigger == "sync" and codecs.sync is not None:
             sync_id = (codecs.sync.frame_id, codecs.sync.is_extended)
-            pacing, way = SyncPaced(link, node, stop, sync_id), "real time, paced by Sync frames"
+            pacing = SyncPaced(link, node, stop, bus_faults, sync_id, daemon_pid)
+            way = "real time, paced by Sync frames"
         else:
-            pacing, way = RealTime(link, node, stop), "real time"
+            pacing = RealTime(link, node, stop, bus_faults, daemon_pid)
+            way = "real time"
         print(f"{PROGRAM}: rig {loaded.rig.name} on {bus} in {way}", flush=True)
         done = _run(pacing, frames, truth, telemetry)
     finally:
+        bus_faults.end()
         link.shutdown()
-        _write(truth)
+        _write(truth, commands)
     print(_summary(done, pacing, valve_node), flush=True)
 
 
@@ -135,6 +157,11 @@ def _run(
     return frame
 
 
+def _interface(bus: str) -> CanInterface | None:
+    address = parse_bus_url(bus)
+    return CanInterface(address.channel) if address.transport == "socketcan" else None
+
+
 def _terms(rig: Rig, scenario: str | None) -> tuple[DisturbanceTerm, ...]:
     return rig.emulator.disturbance if scenario is None else rig.scenario(scenario).disturbance
 
@@ -149,11 +176,12 @@ def _telemetry(rig: Rig, url: str | None) -> Telemetry:
         return Telemetry(NO_LCM, _complain)
 
 
-def _write(truth: TruthLog) -> None:
+def _write(*logs: TruthLog | CommandLog) -> None:
     try:
-        truth.write()
+        for log in logs:
+            log.write()
     except OSError as error:
-        raise EmulatorError(f"the truth log cannot be written: {error.strerror or error}") from None
+        raise EmulatorError(f"a log cannot be written: {error.strerror or error}") from None
 
 
 def _summary(done: int, pacing: Pacing, valve_node: ValveNode) -> str:

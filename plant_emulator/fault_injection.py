@@ -1,4 +1,4 @@
-"""Faults of the joint node, by encoder frame: KIND@FRAME[:COUNT[:VALUE]].
+"""Faults of the joint node and its bus, by encoder frame: KIND@FRAME[:COUNT[:VALUE]].
 
 drop       COUNT frames (1) are not sent, their counters are used up
 delay      COUNT frames (1) come VALUE seconds late (half a period); in lock-step whole periods,
@@ -7,6 +7,9 @@ duplicate  COUNT frames (1) are sent twice
 corrupt    COUNT frames (1) have bit VALUE (0) flipped after the CRC was made
 freeze     for COUNT frames (until the end) the measured values stay; counter and CRC go on
 stop       for COUNT frames (until the end) the node sends nothing at all
+
+Beside these, every name of eampc_rig.fault_catalogue: the fault holds for COUNT frames (until the
+end).
 """
 
 from __future__ import annotations
@@ -15,11 +18,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from eampc_rig import fault_catalogue
 from eampc_rig.problem_sentences import nearest
 from eampc_rig.rig_error import RigError
 
-KINDS = ("drop", "delay", "duplicate", "corrupt", "freeze", "stop")
-_UNTIL_THE_END = ("freeze", "stop")
+_OWN_KINDS = ("drop", "delay", "duplicate", "corrupt", "freeze", "stop")
+KINDS = (*_OWN_KINDS, *fault_catalogue.NAMES)
+_UNTIL_THE_END = ("freeze", "stop", *fault_catalogue.NAMES)
 _WITH_VALUE = ("delay", "corrupt")
 
 
@@ -99,14 +104,21 @@ class FaultInjector:
         self._faults = tuple(faults)
         self._period_s = period_s
         self._frozen: tuple[float, float] | None = None
+        self._last_data: bytes | None = None
+
+    def holds(self, kind: str, frame: int) -> bool:
+        """Return whether a fault of this kind acts on encoder frame `frame`."""
+        return self._find(kind, frame) is not None
 
     def silent(self, frame: int) -> bool:
         """Return whether the node is stopped at this frame."""
-        return self._find("stop", frame) is not None
+        return self.holds("stop", frame)
 
     def measured(self, frame: int, angle: float, velocity: float) -> tuple[float, float]:
         """Return the values to send: those of the freeze's first frame while one acts."""
-        if self._find("freeze", frame) is None:
+        if self.holds("encoder_jump", frame):
+            angle += fault_catalogue.JUMP_RAD
+        if not (self.holds("freeze", frame) or self.holds("encoder_frozen", frame)):
             self._frozen = None
             return angle, velocity
         if self._frozen is None:
@@ -115,20 +127,41 @@ class FaultInjector:
 
     def deliveries(self, frame: int, data: bytes) -> list[Delivery]:
         """Return what goes out instead of encoder frame `frame` with these bytes."""
-        if self.silent(frame) or self._find("drop", frame):
+        if self.silent(frame) or any(
+            self.holds(kind, frame) for kind in ("drop", "encoder_timeout", "encoder_counter_gap")
+        ):
             return []
-        corrupt = self._find("corrupt", frame)
+        if self.holds("encoder_repeats", frame) and self._last_data is not None:
+            data = self._last_data
+        self._last_data = data
+        if self._skips_a_frame(frame):
+            return []
+        data = self._damaged(frame, data)
+        delay = self._find("delay", frame)
+        delay_s = 0.0
+        if delay:
+            delay_s = 0.5 * self._period_s if delay.value is None else delay.value
+        copies = 2 if self.holds("duplicate", frame) else 1
+        return [Delivery(delay_s, data)] * copies
+
+    def misses_deadline(self, frame: int) -> bool:
+        """Return whether the daemon is to be stopped from after this frame to after the next."""
+        fault = self._find("deadline_overruns", frame)
+        every = fault_catalogue.OVERRUN_EVERY_PERIODS
+        return fault is not None and (frame - fault.first) % every == 0
+
+    def _skips_a_frame(self, frame: int) -> bool:
+        # The frame after the missed one is lost: a newer frame would take its place, unnoticed.
+        return frame >= 2 and self.misses_deadline(frame - 2)
+
+    def _damaged(self, frame: int, data: bytes) -> bytes:
+        corrupt = self._find("corrupt", frame) or self._find("encoder_crc", frame)
         if corrupt:
             bit = int(corrupt.value or 0) % (8 * len(data))
             damaged = bytearray(data)
             damaged[bit // 8] ^= 1 << (bit % 8)
             data = bytes(damaged)
-        delay = self._find("delay", frame)
-        delay_s = 0.0
-        if delay:
-            delay_s = 0.5 * self._period_s if delay.value is None else delay.value
-        copies = 2 if self._find("duplicate", frame) else 1
-        return [Delivery(delay_s, data)] * copies
+        return data[:-1] if self.holds("encoder_length", frame) else data
 
     def _find(self, kind: str, frame: int) -> Fault | None:
         for fault in self._faults:

@@ -1,7 +1,7 @@
 """The rig as a node of the bus: encoder and feedback frames out, valve commands in.
 
-Order on the bus per frame: Heartbeat (every 0.1 s), ValveFeedback, JointEncoder. Frames hold
-nothing of the wall clock, so equal commands give equal bytes.
+Order on the bus per frame: what node_messages sends, then JointEncoder. Frames hold nothing of the
+wall clock, so equal commands give equal bytes.
 """
 
 from __future__ import annotations
@@ -10,17 +10,15 @@ import math
 
 import can
 from eampc_rig.frames import Frames
-from eampc_rig.message_codec import MessageCodec
 from eampc_rig.rig_file import Rig
 
+from plant_emulator.command_log import CommandLog
 from plant_emulator.encoder import Encoder
 from plant_emulator.fault_injection import Delivery, FaultInjector
+from plant_emulator.node_messages import NodeMessages, message_of
 from plant_emulator.plant import Plant, PlantSnapshot
 from plant_emulator.truth_log import TruthRow
 from plant_emulator.valve_node import ValveNode
-
-HEARTBEAT_PERIOD_S = 0.1
-HEARTBEAT_OPERATIONAL = 5  # CiA 301's NMT state
 
 
 class JointNode:
@@ -34,15 +32,20 @@ class JointNode:
         encoder: Encoder,
         valve_node: ValveNode,
         faults: FaultInjector,
+        commands: CommandLog,
+        inputs_crc32: int | None = None,
     ) -> None:
+        """inputs_crc32: what the node's identity says; the rig's own if None."""
         self.period_s = rig.control.period_s
         self.valve_node = valve_node
         self._frames = frames
         self._plant = plant
         self._encoder = encoder
-        self._faults = faults
+        self._commands = commands
+        self.faults = faults
         self._supply_kPa = rig.emulator.supply_pressure_kPa
-        self._heartbeat_frames = max(1, round(HEARTBEAT_PERIOD_S / self.period_s))
+        crc32 = rig.inputs_crc32 if inputs_crc32 is None else inputs_crc32
+        self._messages = NodeMessages(frames, faults, self.period_s, crc32)
         self._frame = 0
         self._snapshot: PlantSnapshot = plant.snapshot()
 
@@ -52,42 +55,42 @@ class JointNode:
         self._plant.begin_frame(frame)
         self._snapshot = self._plant.snapshot()
         status = self.valve_node.take_status()
-        if self._faults.silent(frame):
+        if self.faults.silent(frame):
             return []
-        messages: list[can.Message] = []
-        heartbeat, feedback = self._frames.heartbeat, self._frames.valve_feedback
-        if heartbeat is not None and frame % self._heartbeat_frames == 0:
-            data = heartbeat.encode({"state": HEARTBEAT_OPERATIONAL})
-            messages.append(_message(heartbeat, data))
-        if feedback is not None:
-            values = {
-                "pressure1": self._snapshot.pressure1_kPa,
-                "pressure2": self._snapshot.pressure2_kPa,
-                "supply_pressure": self._supply_kPa,
-                "status": status,
-            }
-            messages.append(_message(feedback, feedback.encode(values, frame)))
-        return messages
+        feedback = {
+            "pressure1": self._snapshot.pressure1_kPa,
+            "pressure2": self._snapshot.pressure2_kPa,
+            "supply_pressure": self._supply_kPa,
+            "status": status,
+        }
+        return self._messages.of_frame(frame, feedback)
 
     def encoder_deliveries(self) -> list[Delivery]:
         """Measure; return the encoder frame of this period as the faults let it out."""
         truth = self._snapshot
         angle, velocity = self._encoder.measure(truth.angle_rad, truth.velocity_rad_s)
-        angle, velocity = self._faults.measured(self._frame, angle, velocity)
-        values = {"angle": angle, "velocity": velocity}
-        return self._faults.deliveries(
-            self._frame, self._frames.encoder.encode(values, self._frame)
-        )
+        angle, velocity = self.faults.measured(self._frame, angle, velocity)
+        codec, values = self._frames.encoder, {"angle": angle, "velocity": velocity}
+        if self.faults.holds("encoder_status", self._frame) and "status" in codec.roles:
+            values["status"] = codec.range_of("status")[1]
+        beyond = None
+        if self.faults.holds("encoder_out_of_range", self._frame):
+            beyond = codec.value_beyond_range("angle")
+        if beyond is not None:
+            values["angle"] = beyond
+        data = codec.encode(values, self._frame, hold_in_range=beyond is None)
+        return self.faults.deliveries(self._frame, data)
 
     def encoder_message(self, data: bytes) -> can.Message:
         """Return the encoder frame that carries these bytes."""
-        return _message(self._frames.encoder, data)
+        return message_of(self._frames.encoder, data)
 
     def receive(self, message: can.Message, offset_s: float) -> bool:
         """Take a frame that arrived `offset_s` into the period; return whether it is a command."""
         if not self.valve_node.is_command(message):
             return False
         self.advance_to(offset_s)
+        self._commands.append(self._frame, offset_s, bytes(message.data))
         if self.valve_node.receive(bytes(message.data)):
             self._plant.command(self.valve_node.u1_V, self.valve_node.u2_V)
         return True
@@ -125,9 +128,3 @@ class JointNode:
         )
         self.advance_to(self.period_s)
         return row
-
-
-def _message(codec: MessageCodec, data: bytes) -> can.Message:
-    return can.Message(
-        arbitration_id=codec.frame_id, is_extended_id=codec.is_extended, data=data, check=False
-    )

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import heapq
 import math
+import os
+import signal
 import threading
 import time
 from dataclasses import dataclass
 
 import can
 
+from plant_emulator.bus_faults import BusFaults
 from plant_emulator.emulator_error import EmulatorError
 from plant_emulator.joint_node import JointNode
 from plant_emulator.truth_log import TruthRow
@@ -32,10 +35,13 @@ class PacingCounts:
 class Pacing:
     """What both ways share: the bus, the request to stop, the counts."""
 
-    def __init__(self, bus: can.BusABC, node: JointNode, stop: threading.Event) -> None:
+    def __init__(
+        self, bus: can.BusABC, node: JointNode, stop: threading.Event, bus_faults: BusFaults
+    ) -> None:
         self._bus = bus
         self._node = node
         self._stop = stop
+        self._bus_faults = bus_faults
         self.counts = PacingCounts()
         self._forget_old_frames()
 
@@ -55,8 +61,10 @@ class LockStep(Pacing):
     A delayed encoder frame goes out whole periods later, before that period's own frame.
     """
 
-    def __init__(self, bus: can.BusABC, node: JointNode, stop: threading.Event) -> None:
-        super().__init__(bus, node, stop)
+    def __init__(
+        self, bus: can.BusABC, node: JointNode, stop: threading.Event, bus_faults: BusFaults
+    ) -> None:
+        super().__init__(bus, node, stop, bus_faults)
         self._delayed: dict[int, list[bytes]] = {}
 
     def exchange(self, frame: int) -> TruthRow | None:
@@ -65,6 +73,7 @@ class LockStep(Pacing):
         Raises EmulatorError if the bus fails or no answer comes within ANSWER_LIMIT_S.
         """
         node = self._node
+        self._bus_faults.begin_frame(frame, self._send)
         for message in node.begin_frame(frame):
             self._send(message)
         due = self._delayed.pop(frame, [])
@@ -119,8 +128,17 @@ class RealTime(Pacing):
     # Share of the period kept for integrating the plant: about 0.1 ms of work for 5 ms.
     INTEGRATION_SHARE = 0.1
 
-    def __init__(self, bus: can.BusABC, node: JointNode, stop: threading.Event) -> None:
-        super().__init__(bus, node, stop)
+    def __init__(
+        self,
+        bus: can.BusABC,
+        node: JointNode,
+        stop: threading.Event,
+        bus_faults: BusFaults,
+        daemon_pid: int | None = None,
+    ) -> None:
+        """daemon_pid: the process that fault deadline_overruns stops."""
+        super().__init__(bus, node, stop, bus_faults)
+        self._daemon_pid = daemon_pid
         self._start_s = 0.0
         self._delayed: list[tuple[float, int, bytes]] = []
         self._order = 0
@@ -131,6 +149,9 @@ class RealTime(Pacing):
         instant_s = self._await_instant(frame)
         if self._stop.is_set():
             return None
+        self._bus_faults.begin_frame(frame, self._send)
+        if node.faults.misses_deadline(frame - 1):
+            self._signal_daemon(signal.SIGSTOP)
         for message in node.begin_frame(frame):
             self._send(message)
         sent_s = math.nan
@@ -143,8 +164,21 @@ class RealTime(Pacing):
             now_s = time.monotonic()
             sent_s = now_s if math.isnan(sent_s) else sent_s
             self._send(node.encoder_message(delivery.data))
+        if node.faults.misses_deadline(frame - 2):
+            time.sleep(max(0.0, instant_s + 0.5 * node.period_s - time.monotonic()))
+            self._signal_daemon(signal.SIGCONT)
         answered_s = self._listen(instant_s)
         return node.end_frame(sent_s, answered_s)
+
+    def _signal_daemon(self, number: signal.Signals) -> None:
+        if self._daemon_pid is None:
+            raise EmulatorError("the fault deadline_overruns needs --daemon-pid")
+        try:
+            os.kill(self._daemon_pid, number)
+        except OSError as error:
+            raise EmulatorError(
+                f"the daemon (process {self._daemon_pid}) cannot be stopped: {error.strerror}"
+            ) from None
 
     def _await_instant(self, frame: int) -> float:
         """Wait for the beginning of period `frame`; return its time of CLOCK_MONOTONIC in s."""
@@ -210,10 +244,16 @@ class SyncPaced(RealTime):
     """
 
     def __init__(
-        self, bus: can.BusABC, node: JointNode, stop: threading.Event, sync_id: tuple[int, bool]
+        self,
+        bus: can.BusABC,
+        node: JointNode,
+        stop: threading.Event,
+        bus_faults: BusFaults,
+        sync_id: tuple[int, bool],
+        daemon_pid: int | None = None,
     ) -> None:
         """`sync_id` is the identifier and whether it has 29 bits."""
-        super().__init__(bus, node, stop)
+        super().__init__(bus, node, stop, bus_faults, daemon_pid)
         self._sync_id = sync_id
         self._sync_waits = False  # came while the period before was not over
 

@@ -85,18 +85,32 @@ class MessageCodec:
         """Return the least and greatest physical value that a role's signal carries."""
         return self._ranges[role]
 
-    def encode(self, values: Mapping[str, float], counter: int = 0) -> bytes:
+    def value_beyond_range(self, role: str) -> float | None:
+        """Return a physical value that the role's signal can carry although its DBC range leaves
+        it out; None if there is none."""
+        signal, (low, high) = self._signals[role], self._ranges[role]
+        for raw in _raw_ends(signal):
+            value = float(raw * signal.scale + signal.offset)
+            if not low <= value <= high:
+                return value
+        return None
+
+    def encode(
+        self, values: Mapping[str, float], counter: int = 0, hold_in_range: bool = True
+    ) -> bytes:
         """Return the frame's bytes for physical `values` by role (units as in the DBC).
 
-        Values beyond a signal's range are held at its end, as a real node's would be; roles that
-        the message does not carry are ignored, missing ones are 0. `counter` counts frames and
-        is reduced modulo the signal's 2^length.
+        Values beyond a signal's range are held at its end, as a real node's would be, unless
+        `hold_in_range` is false; roles that the message does not carry are ignored, missing ones
+        are 0. `counter` counts frames and is reduced modulo the signal's 2^length.
         """
         physical: dict[str, Any] = dict(self._unused)
         for role in self._carriers:
             low, high = self._ranges[role]
             value = values.get(role, 0.0)
-            physical[self._roles[role]] = low if value < low else high if value > high else value
+            if hold_in_range:
+                value = low if value < low else high if value > high else value
+            physical[self._roles[role]] = value
         if self.counter_modulus is not None:
             physical[self._roles["counter"]] = counter % self.counter_modulus
         if self._crc_byte is None:
@@ -150,14 +164,16 @@ class MessageCodec:
 
 def physical_range(signal: Signal) -> tuple[float, float]:
     """Return the values that `signal` can carry: its raw range, cut to the DBC's [min|max]."""
-    if signal.is_signed:
-        low_raw, high_raw = -(1 << (signal.length - 1)), (1 << (signal.length - 1)) - 1
-    else:
-        low_raw, high_raw = 0, (1 << signal.length) - 1
-    ends = sorted(raw * signal.scale + signal.offset for raw in (low_raw, high_raw))
+    ends = sorted(raw * signal.scale + signal.offset for raw in _raw_ends(signal))
     low, high = float(ends[0]), float(ends[1])
     if signal.minimum is not None:
         low = max(low, float(signal.minimum))
     if signal.maximum is not None:
         high = min(high, float(signal.maximum))
     return low, high
+
+
+def _raw_ends(signal: Signal) -> tuple[int, int]:
+    if signal.is_signed:
+        return -(1 << (signal.length - 1)), (1 << (signal.length - 1)) - 1
+    return 0, (1 << signal.length) - 1

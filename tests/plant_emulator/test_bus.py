@@ -21,6 +21,7 @@ RIG = Path(__file__).parents[2] / "rigs" / "reference"
 T = 0.005
 START_LIMIT_S = 60.0  # a user-mode Linux beside other work takes seconds to import python-can
 ENCODER, FEEDBACK, COMMAND, HEARTBEAT = 0x181, 0x182, 0x201, 0x701
+E_STOP, EMERGENCY = 0x010, 0x081
 
 
 @pytest.fixture
@@ -134,8 +135,10 @@ def test_lockstep_runs_are_byte_identical(url: str, reference_frames: Frames) ->
 def test_order_and_contents_of_frames(url: str, reference_frames: Frames) -> None:
     pretend = lockstep_run(url, reference_frames, 41)
     ids = [number for number, _ in pretend.seen]
-    assert ids[:7] == [HEARTBEAT, FEEDBACK, ENCODER, COMMAND, FEEDBACK, ENCODER, COMMAND]
-    assert ids.count(HEARTBEAT) == 3  # frames 0, 20, 40: every 0.1 s
+    first_period = [E_STOP, HEARTBEAT, FEEDBACK, ENCODER, COMMAND]
+    assert ids[:8] == [*first_period, FEEDBACK, ENCODER, COMMAND]
+    assert ids.count(HEARTBEAT) == ids.count(E_STOP) == 3  # frames 0, 20, 40: every 0.1 s
+    assert EMERGENCY not in ids
     said = [reference_frames.encoder.decode(data) for data in pretend.encoder_frames()]
     assert all(frame.valid for frame in said)
     assert [frame.counter for frame in said] == [frame % 16 for frame in range(41)]
