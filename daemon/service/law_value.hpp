@@ -33,7 +33,12 @@ class LawValue {
       : object_(&object), path_(std::move(path)), file_(&file) {}
 
   [[noreturn]] void fail(const std::string& what) const {
-    throw LawFileError(*file_ + ": " + (path_.empty() ? "" : path_ + " ") + what + kLawFileRemedy);
+    std::string said = (path_.empty() ? "" : path_ + " ") + what;
+    // Keys and texts come from the file: a control character would end or break the sentence.
+    for (char& c : said) {
+      if (static_cast<unsigned char>(c) < ' ') c = '?';
+    }
+    throw LawFileError(*file_ + ": " + said + kLawFileRemedy);
   }
 
   std::optional<LawValue> find(const std::string& key) const {

@@ -19,6 +19,14 @@ constexpr std::int64_t kMaxCycle = std::int64_t{1} << 53;
 // Nothing mechanical is faster, later or larger; the point is that sums and products stay finite.
 constexpr double kMaxMagnitude = 1e6;
 
+// A key comes from anybody: what is not printable would end the sentence or upset its reader.
+std::string quoted(std::string_view key) {
+  constexpr std::size_t kLongest = 40;
+  std::string text = "\"";
+  for (const char c : key.substr(0, kLongest)) text += c >= ' ' && c <= '~' ? c : '?';
+  return text + "\"";
+}
+
 double number_of(const msgpack::object& value, std::string_view key) {
   double number = NAN;
   switch (value.type) {
@@ -36,14 +44,13 @@ double number_of(const msgpack::object& value, std::string_view key) {
       break;
   }
   if (!std::isfinite(number) || std::fabs(number) > kMaxMagnitude) {
-    throw BadInput("\"" + std::string(key) + "\" must be a finite number of at most 1e6 in size");
+    throw BadInput(quoted(key) + " must be a finite number of at most 1e6 in size");
   }
   return number;
 }
 
 std::string_view text_of(const msgpack::object& value, std::string_view key) {
-  if (value.type != msgpack::type::STR)
-    throw BadInput("\"" + std::string(key) + "\" must be a text");
+  if (value.type != msgpack::type::STR) throw BadInput(quoted(key) + " must be a text");
   return {value.via.str.ptr, value.via.str.size};
 }
 
@@ -139,7 +146,7 @@ OperatorRequest parse_request(std::span<const std::uint8_t> message) {
     } else if (key == "table") {
       if (value.type != msgpack::type::NIL) request.table = table_of(value);
     } else {
-      throw BadInput("\"" + std::string(key) + "\" is not a key of the operator protocol");
+      throw BadInput(quoted(key) + " is not a key of the operator protocol");
     }
   }
   if (!has_command) throw BadInput("the request has no \"command\"");

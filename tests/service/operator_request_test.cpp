@@ -97,6 +97,16 @@ TEST(OperatorRequest, RefusesWhatItCannotMean) {
   }
 }
 
+// Found by fuzzing: a NUL in a foreign key ended the sentence after it.
+TEST(OperatorRequest, TellsAForeignKeyWhateverItsBytes) {
+  try {
+    parse_request(request("command", "status", std::string("a\0\n\xff", 4), 1));
+    FAIL() << "a foreign key was accepted";
+  } catch (const BadInput& error) {
+    EXPECT_STREQ(error.what(), "\"a???\" is not a key of the operator protocol");
+  }
+}
+
 TEST(OperatorRequest, SurvivesAnyChangedByte) {
   const std::vector<std::uint8_t> whole = table_request(4, 0.5);
   std::mt19937 random(1);
