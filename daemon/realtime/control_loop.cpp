@@ -161,6 +161,7 @@ void ControlLoop::run_on_sync() noexcept {
 
 ControlLoop::Wait ControlLoop::wait_for_frame(std::int64_t deadline, Arrival& arrival) noexcept {
   for (;;) {
+    turns_.store(turns() + 1, std::memory_order_relaxed);
     if (stop_.load(std::memory_order_relaxed)) return Wait::kStop;
     const std::int64_t now = now_ns(CLOCK_MONOTONIC);
     bus_.reopen_if_gone(now);

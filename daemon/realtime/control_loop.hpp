@@ -99,6 +99,8 @@ class ControlLoop {
   std::int64_t scheduled_done() const noexcept {
     return scheduled_done_.load(std::memory_order_relaxed);
   }
+  // Counts on at least every 20 ms or every period while the loop lives, frames or not.
+  std::uint64_t turns() const noexcept { return turns_.load(std::memory_order_relaxed); }
   const LatencyHistogram& arrival_to_sent() const noexcept { return arrival_to_sent_; }
 
  private:
@@ -144,6 +146,7 @@ class ControlLoop {
   MonitoredBus bus_;
 
   std::atomic<bool> stop_{false};
+  std::atomic<std::uint64_t> turns_{0};
   std::int64_t next_cycle_ = 0;
   std::int64_t late_until_ =
       0;  // CLOCK_MONOTONIC: a frame before it belongs to a period that is over

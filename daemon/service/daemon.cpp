@@ -22,6 +22,7 @@
 #include "service/operator_socket.hpp"
 #include "service/record_pump.hpp"
 #include "service/rig_name.hpp"
+#include "service/service_manager.hpp"
 
 namespace eampc::service {
 namespace {
@@ -183,6 +184,28 @@ void wait_for_rest(const realtime::ControlLoop& loop, std::uint64_t disarm_id,
   }
 }
 
+// What `systemctl status` shows.
+std::string status_line(const realtime::ControlLoop& loop) {
+  const control::CycleRecord cycle = loop.newest().cycle;
+  std::string line = std::string("STATUS=") + control::mode_text(cycle.mode);
+  if (cycle.fault != control::Fault::kNone) {
+    line += std::string(", ") + control::fault_text(cycle.fault);
+  }
+  return line;
+}
+
+// The signal; `meanwhile` runs once per interval until it comes.
+int wait_for_signal(const sigset_t& signals, milliseconds interval,
+                    const std::function<void()>& meanwhile) {
+  const timespec limit{static_cast<time_t>(interval.count() / 1000),
+                       static_cast<long>(interval.count() % 1000) * 1'000'000};
+  for (;;) {
+    const int signal_number = ::sigtimedwait(&signals, nullptr, &limit);
+    if (signal_number > 0) return signal_number;
+    meanwhile();
+  }
+}
+
 }  // namespace
 
 int run_daemon(const Options& options) {
@@ -194,6 +217,7 @@ int run_daemon(const Options& options) {
   ::signal(SIGPIPE, SIG_IGN);
   start_log(options.log_level);
 
+  const ServiceManager manager = ServiceManager::from_environment();
   const LawFile law = LawFile::load(options.law_file);
   const control::ControllerConfig& config = law.config();
   check_rig(options, law.meta());
@@ -227,7 +251,7 @@ int run_daemon(const Options& options) {
   if (!options.record_file.empty()) recorder.emplace(options.record_file);
   RecordPump pump(*loop, desk, telemetry ? &*telemetry : nullptr, recorder ? &*recorder : nullptr,
                   external ? &*external : nullptr);
-  OperatorSocket socket(options.socket_path, desk);
+  OperatorSocket socket(options.socket_path, desk, options.socket_for_group ? 0660 : 0600);
   std::function<std::string()> restart;
   if (options.restart_interface) {
     restart = [&] { return realtime::restart_link(address.interface); };
@@ -255,9 +279,13 @@ int run_daemon(const Options& options) {
                options.bus_url, 1000.0 * config.model.period_s, realtime_text, options.socket_path);
   tell_ready(options.ready_fd);
 
-  int signal_number = 0;
-  ::sigwait(&signals, &signal_number);
+  manager.notify("READY=1\n" + status_line(*loop));
+  LoopWatchdog watchdog(manager, [&] { return loop->turns(); });
+  const int signal_number = wait_for_signal(signals, watchdog.interval(), [&] {
+    if (watchdog.feed()) manager.notify(status_line(*loop));
+  });
   spdlog::info("{}: bringing the joint to rest", ::strsignal(signal_number));
+  manager.notify("STOPPING=1");
   socket.stop();
   const std::uint64_t disarm_id = desk.disarm();
   wait_for_rest(*loop, disarm_id, config.safety.soft_stop_ramp_s, options.lockstep);

@@ -26,7 +26,7 @@ bool somebody_listens(const sockaddr_un& address) {
 
 }  // namespace
 
-OperatorSocket::OperatorSocket(std::string path, OperatorDesk& desk)
+OperatorSocket::OperatorSocket(std::string path, OperatorDesk& desk, mode_t mode)
     : path_(std::move(path)), desk_(desk) {
   const std::string prefix = "cannot listen on the operator socket " + path_ + ": ";
   sockaddr_un address{};
@@ -53,7 +53,7 @@ OperatorSocket::OperatorSocket(std::string path, OperatorDesk& desk)
 
   listener_ =
       realtime::FileDescriptor(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
-  const mode_t before = ::umask(0177);  // 0600 from the first moment on
+  const mode_t before = ::umask(0777 & ~mode);  // right from the first moment on
   const int bound =
       ::bind(listener_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address);
   const int bind_error = errno;

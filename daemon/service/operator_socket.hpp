@@ -1,7 +1,9 @@
 // The Unix socket operators talk to. One thread, poll(), several clients that take turns by single
 // requests: a slow, silent or flooding one delays the others by one request at most. File
-// permissions (0600) say who may operate.
+// permissions say who may operate.
 #pragma once
+
+#include <sys/types.h>
 
 #include <atomic>
 #include <cstdint>
@@ -18,7 +20,8 @@ namespace eampc::service {
 class OperatorSocket {
  public:
   // Binds and listens. Throws BadInput. A socket file nobody listens on is replaced.
-  OperatorSocket(std::string path, OperatorDesk& desk);
+  // `mode` of the file: 0600, or 0660 for everybody in its group.
+  OperatorSocket(std::string path, OperatorDesk& desk, mode_t mode = 0600);
   ~OperatorSocket();  // stops the thread and removes the file
   OperatorSocket(const OperatorSocket&) = delete;
   OperatorSocket& operator=(const OperatorSocket&) = delete;

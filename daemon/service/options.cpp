@@ -61,6 +61,8 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
          "--socket", options.socket_path,
          "Operator socket [$EAMPC_SOCKET, $XDG_RUNTIME_DIR/eampcd.sock or /tmp/eampcd-UID.sock]")
       ->type_name("PATH");
+  app.add_flag("--socket-for-group", options.socket_for_group,
+               "Let the group of the operator socket operate too (mode 0660 instead of 0600)");
   app.add_flag("--emulation", options.emulation,
                "The plant is an emulator: allow arming on udp_multicast, and --lockstep");
   app.add_flag("--lockstep", options.lockstep,

@@ -20,6 +20,7 @@ struct Options {
   std::string bus_url;
   std::string rig;          // folder or rig.toml; empty: not checked
   std::string socket_path;  // never empty after parsing
+  bool socket_for_group = false;
   bool emulation = false;
   bool lockstep = false;
   bool restart_interface = false;

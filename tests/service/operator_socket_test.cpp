@@ -118,6 +118,10 @@ TEST_F(OperatorSocketTest, OnlyTheOwnerMayOpenIt) {
   struct stat status {};
   ASSERT_EQ(::stat(path_.c_str(), &status), 0);
   EXPECT_EQ(status.st_mode & 0777u, 0600u);
+  const std::string shared_path = path_ + ".group";
+  const OperatorSocket shared(shared_path, *desk_, 0660);
+  ASSERT_EQ(::stat(shared_path.c_str(), &status), 0);
+  EXPECT_EQ(status.st_mode & 0777u, 0660u);
 }
 
 TEST_F(OperatorSocketTest, ArmNeedsAFrameThenReset) {

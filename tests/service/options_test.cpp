@@ -27,15 +27,16 @@ TEST(Options, DefaultsAreTheSafeOnes) {
 }
 
 TEST(Options, ReadsEveryFlag) {
-  const Options options =
-      parse({"--law=a", "--bus=b", "--rig=r", "--socket=/tmp/s", "--emulation", "--lockstep",
-             "--restart-interface", "--realtime=enforce", "--cpu=1", "--priority=50",
-             "--lcm-url=none", "--record=c.csv", "--log-level=error", "--ready-fd=7"})
-          .options;
+  const Options options = parse({"--law=a", "--bus=b", "--rig=r", "--socket=/tmp/s", "--emulation",
+                                 "--lockstep", "--restart-interface", "--socket-for-group",
+                                 "--realtime=enforce", "--cpu=1", "--priority=50", "--lcm-url=none",
+                                 "--record=c.csv", "--log-level=error", "--ready-fd=7"})
+                              .options;
   EXPECT_EQ(options.rig, "r");
   EXPECT_EQ(options.socket_path, "/tmp/s");
   EXPECT_TRUE(options.lockstep);
   EXPECT_TRUE(options.restart_interface);
+  EXPECT_TRUE(options.socket_for_group);
   EXPECT_EQ(options.realtime.request, realtime::RealtimeRequest::kEnforce);
   EXPECT_EQ(options.realtime.cpu, 1);
   EXPECT_EQ(options.realtime.priority, 50);
