@@ -8,11 +8,22 @@
 
 #include "fuzz/cycle_script.hpp"
 #include "service/law_file.hpp"
+#include "service/synthetic_law.hpp"
 
 namespace {
 
 using eampc::service::LawFile;
 using eampc::service::LawFileError;
+
+// As the tests' own law file has it: a new version of the format needs no new cases.
+std::uint8_t present_version() {
+  const std::vector<std::uint8_t> file =
+      eampc::service::law_bytes(eampc::service::synthetic_payload());
+  const auto container = msgpack::unpack(reinterpret_cast<const char*>(file.data()), file.size());
+  std::map<std::string, msgpack::object> entries;
+  container->convert(entries);
+  return entries.at("version").as<std::uint8_t>();
+}
 
 // The header that law_bytes() of the tests writes, with its MessagePack types by hand.
 std::vector<std::uint8_t> wrapped(std::span<const std::uint8_t> payload) {
