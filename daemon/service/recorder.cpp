@@ -15,7 +15,8 @@ namespace {
 constexpr std::string_view kHeader =
     "cycle,scenario_time_s,reference_angle_rad,reference_velocity_rad_s,measured_angle_rad,angle_"
     "rad,"
-    "velocity_rad_s,valve_control,disturbance_rad_s2,control,u1_V,u2_V,region,mode,fault,limits,"
+    "velocity_rad_s,valve_control,disturbance_rad_s2,control,u1_V,u2_V,region,mode,fault,present_"
+    "faults,limits,"
     "arrival_to_wake_us,wake_to_decided_us,decided_to_sent_us,arrival_to_sent_us\n";
 
 // Shortest text that reads back as the same number.
@@ -63,7 +64,8 @@ void Recorder::write(const realtime::LoopRecord& record) {
   append(line_, cycle.valves.u2_V);
   append(line_, cycle.law.region);
   append(line_, control::mode_text(cycle.mode));
-  append(line_, control::fault_text(cycle.fault));
+  append(line_, control::fault_name(cycle.fault));
+  append(line_, cycle.present_faults.bits());
   append(line_, cycle.limits);
   append(line_, record.arrival_to_wake_us);
   append(line_, record.wake_to_decided_us);

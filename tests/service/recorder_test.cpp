@@ -27,6 +27,8 @@ TEST(Recorder, WritesTheAgreedColumns) {
     record.cycle.valves = {4.0, 6.0, true};
     record.cycle.mode = control::Mode::kActive;
     record.cycle.limits = 5;
+    record.cycle.fault = control::Fault::kSendRefused;
+    record.cycle.present_faults.add(control::Fault::kTxUnconfirmed);
     record.arrival_to_wake_us = 1.25;
     record.wake_to_decided_us = 2.0;
     record.decided_to_sent_us = 3.0;
@@ -42,9 +44,11 @@ TEST(Recorder, WritesTheAgreedColumns) {
       header,
       "cycle,scenario_time_s,reference_angle_rad,reference_velocity_rad_s,measured_angle_rad,angle_"
       "rad,"
-      "velocity_rad_s,valve_control,disturbance_rad_s2,control,u1_V,u2_V,region,mode,fault,limits,"
+      "velocity_rad_s,valve_control,disturbance_rad_s2,control,u1_V,u2_V,region,mode,fault,present_"
+      "faults,limits,"
       "arrival_to_wake_us,wake_to_decided_us,decided_to_sent_us,arrival_to_sent_us");
-  EXPECT_EQ(line, "3,0.1,0.5,-0.25,nan,0.125,2,3,8,1.5,4,6,42,ACTIVE,none,5,1.25,2,3,6.25");
+  EXPECT_EQ(line,
+            "3,0.1,0.5,-0.25,nan,0.125,2,3,8,1.5,4,6,42,ACTIVE,send_refused,4096,5,1.25,2,3,6.25");
   std::filesystem::remove(path);
 }
 
