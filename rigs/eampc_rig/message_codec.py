@@ -137,7 +137,8 @@ class MessageCodec:
     def signal_layout(self, role: str) -> dict[str, Any]:
         """Return where a role's signal lies: start_bit as the DBC counts (least significant bit
         for Intel, most significant bit for Motorola byte order), length in bits, little_endian,
-        is_signed, factor, offset (physical = raw · factor + offset)."""
+        is_signed, factor, offset (physical = raw · factor + offset), and the physical range that
+        the DBC gives it, cut to what its bits carry: minimum, maximum."""
         signal = self._signals[role]
         return {
             "start_bit": int(signal.start),
@@ -146,6 +147,8 @@ class MessageCodec:
             "is_signed": bool(signal.is_signed),
             "factor": float(signal.scale),
             "offset": float(signal.offset),
+            "minimum": self._ranges[role][0],
+            "maximum": self._ranges[role][1],
         }
 
     def layout(self) -> dict[str, Any]:

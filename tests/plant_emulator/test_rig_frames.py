@@ -92,6 +92,8 @@ def test_layout_of_a_motorola_signal() -> None:
                 "is_signed": True,
                 "factor": 0.5,
                 "offset": -3.0,
+                "minimum": -16387.0,
+                "maximum": 16380.5,
             }
         },
         "crc": {"byte": 7, "data_id": 2566848513 & 0xFFFF},
@@ -102,6 +104,7 @@ def test_layout_of_a_motorola_signal() -> None:
 def test_layout_of_the_reference_rig(reference_frames: Frames) -> None:
     layout = reference_frames.layout()
     assert layout["encoder"]["id"] == 0x181
+    assert layout["encoder"]["signals"]["angle"]["maximum"] == 12.56
     assert layout["valve_command"]["crc"] == {"byte": 7, "data_id": 0x201}
     assert layout["sync"] == {"id": 0x80, "extended": False, "length": 1, "counter_signal": None}
     assert list(layout["valve_command"]["signals"]) == ["u1", "u2", "enable", "counter"]
