@@ -15,7 +15,7 @@ from vcan.run_request import program
 # Bus, gateway and the queues that tests of full queues and late frames use.
 CAN = [
     *("can", "can-raw", "can-bcm", "can-gw", "can-dev", "vcan", "vxcan"),
-    *("sch_tbf", "sch_netem", "sch_plug"),
+    *("sch_tbf", "sch_netem", "sch_plug", "sch_prio"),
 ]
 # A guest's vcan echoes a frame when it leaves the queue, as a driver of hardware does. Without it
 # the kernel hands an own frame back before it is queued at all.
