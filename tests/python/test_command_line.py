@@ -36,6 +36,7 @@ COMMANDS = [
     ["disarm"],
     ["reset"],
     ["status"],
+    ["check"],
     ["reference"],
     ["reference", "constant"],
     ["reference", "step"],

@@ -12,6 +12,7 @@ import typer
 from eampc import (
     commands_bench,
     commands_certify,
+    commands_check,
     commands_design,
     commands_emulate,
     commands_export,
@@ -59,6 +60,7 @@ commands_bench.register(app)
 commands_design.register(app)
 commands_certify.register(app)
 commands_hil.register(app)
+commands_check.register(app)
 commands_emulate.register(app)
 commands_export.register(app)
 commands_operator.register(app)
