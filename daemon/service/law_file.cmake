@@ -2,6 +2,7 @@
 add_library(eampc_law_file STATIC
   ${CMAKE_CURRENT_LIST_DIR}/law_file.cpp
   ${CMAKE_CURRENT_LIST_DIR}/law_sections.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/safety_section.cpp
   ${CMAKE_CURRENT_LIST_DIR}/law_tables_section.cpp
   ${CMAKE_CURRENT_LIST_DIR}/law_tables.cpp
   ${CMAKE_CURRENT_LIST_DIR}/law_cost.cpp

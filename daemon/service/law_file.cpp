@@ -19,7 +19,7 @@ namespace {
 
 using control::ControllerConfig;
 
-constexpr std::int64_t kVersion = 2;
+constexpr std::int64_t kVersion = 3;
 // A hundred times the reference law's 2 MB.
 constexpr std::uintmax_t kMaxFileBytes = std::uintmax_t{200} << 20;
 // The bounds of control.period_s in rig.toml; shorter ones would round to 0 ns, or ramps overflow.
@@ -157,9 +157,10 @@ LawFile LawFile::from_bytes(std::span<const std::uint8_t> bytes, const std::stri
   }
   config.law.packed = law.packing_.law();
   read_valve(payload.at("valve"), law_section, config, config.valve);
-  read_safety(payload.at("safety"), period_s, config.safety);
+  read_safety(payload.at("safety"), config, config.safety);
   read_bus(payload.at("bus"), config);
   read_meta(payload, law.meta_);
+  config.inputs_crc32 = law.meta_.inputs_crc32;
   return law;
 }
 

@@ -137,25 +137,6 @@ void read_valve(const LawValue& valve, const LawValue& law, const ControllerConf
   }
 }
 
-void read_safety(const LawValue& safety, double period_s, control::SafetyConfig& out) {
-  constexpr double kLongest_s =
-      3600.0;  // 3.6e7 of the shortest periods: several such ramps still count in 32 bits
-  out.encoder_timeout_s = safety.at("encoder_timeout_s").number_in(period_s, kLongest_s);
-  out.arming_ramp_s = safety.at("arming_ramp_s").number_in(0.0, kLongest_s);
-  out.soft_stop_ramp_s = safety.at("soft_stop_ramp_s").number_in(0.0, kLongest_s);
-  const auto action = [&](const char* key) {
-    return static_cast<control::StopAction>(
-        safety.at(key).choice({"saturate", "soft_stop", "vent_ramp", "immediate"}));
-  };
-  out.actions[control::Fault::kEncoderTimeout] = action("encoder_timeout_action");
-  for (const control::Fault invalid :
-       {control::Fault::kEncoderCrc, control::Fault::kEncoderLength,
-        control::Fault::kEncoderOutOfRange, control::Fault::kEncoderFrozen}) {
-    out.actions[invalid] = action("encoder_invalid_action");
-  }
-  out.reference_angle_max_rad = safety.at("reference_angle_max_rad").positive();
-}
-
 namespace {
 
 // Reads the signals of one frame and keeps the bits that are taken.
@@ -239,6 +220,61 @@ class FrameReader {
   std::uint64_t taken_ = 0;
 };
 
+// A message that the rig does not monitor is nil.
+std::optional<LawValue> monitored(const LawValue& bus, const char* name,
+                                  control::MonitoredLayout& layout,
+                                  const ControllerConfig& config) {
+  std::optional<LawValue> message = bus.find(name);
+  layout.present = message.has_value();
+  if (message) {
+    const bool extended = message->at("extended").boolean();
+    const std::int64_t id = message->at("id").integer(0, extended ? 0x1FFFFFFF : 0x7FF);
+    const auto is = [&](const auto& other) { return other.id == id && other.extended == extended; };
+    if (is(config.encoder) || is(config.valve_command) ||
+        (config.sync.present && is(config.sync))) {
+      message->at("id").fail("is that of another message");
+    }
+  }
+  return message;
+}
+
+void read_monitored(const LawValue& bus, ControllerConfig& config) {
+  if (const auto message = monitored(bus, "valve_feedback", config.valve_feedback, config)) {
+    control::ValveFeedbackLayout& layout = config.valve_feedback;
+    FrameReader reader(*message, layout.id, layout.extended, layout.length);
+    layout.pressure1 = reader.optional("pressure1");
+    layout.pressure2 = reader.optional("pressure2");
+    layout.supply_pressure = reader.optional("supply_pressure");
+    layout.crc = reader.crc();
+  }
+  if (const auto message = monitored(bus, "heartbeat", config.heartbeat, config)) {
+    control::HeartbeatLayout& layout = config.heartbeat;
+    FrameReader reader(*message, layout.id, layout.extended, layout.length);
+    layout.state = reader.optional("state");
+    layout.crc = reader.crc();
+  }
+  if (const auto message = monitored(bus, "emergency", config.emergency, config)) {
+    control::EmergencyLayout& layout = config.emergency;
+    FrameReader reader(*message, layout.id, layout.extended, layout.length);
+    layout.error_code = reader.optional("error_code");
+    layout.crc = reader.crc();
+  }
+  if (const auto message = monitored(bus, "e_stop", config.e_stop, config)) {
+    control::EStopLayout& layout = config.e_stop;
+    FrameReader reader(*message, layout.id, layout.extended, layout.length);
+    layout.stop = reader.required("stop");
+    layout.crc = reader.crc();
+    layout.released_raw = static_cast<std::uint64_t>(
+        message->at("released_raw").integer(0, std::numeric_limits<std::int64_t>::max()));
+  }
+  if (const auto message = monitored(bus, "identity", config.identity, config)) {
+    control::IdentityLayout& layout = config.identity;
+    FrameReader reader(*message, layout.id, layout.extended, layout.length);
+    layout.inputs_crc32 = reader.required("inputs_crc32");
+    layout.crc = reader.crc();
+  }
+}
+
 void check_covers(const LawValue& message, const char* name, const SignalLayout& layout,
                   const ControllerConfig& config) {
   const LawValue signal = message.at("signals").at(name);
@@ -249,8 +285,11 @@ void check_covers(const LawValue& message, const char* name, const SignalLayout&
       std::max(first_V, last_V) < config.valve.max_V - 0.5 * count_V) {
     signal.fail("cannot carry every voltage from valve.min_V to valve.max_V");
   }
-  if (config.valve.slew_max_V_per_s * config.model.period_s < count_V) {
-    signal.fail("has counts larger than valve.slew_max_V_per_s allows in one period");
+  if (config.valve.slew_max_V_per_s * config.model.period_s < count_V ||
+      config.safety.reduced_slew_V_per_s * config.model.period_s < count_V) {
+    signal.fail(
+        "has counts larger than valve.slew_max_V_per_s or safety.reduced_slew_V_per_s allows in "
+        "one period");
   }
   if (config.valve.max_V - config.valve.min_V < count_V) {
     signal.fail("has counts larger than the range of the valve");
@@ -303,6 +342,7 @@ void read_bus(const LawValue& bus, ControllerConfig& config) {
       message->at("id").fail("is that of another message");  // a Sync would be read as voltages
     }
   }
+  read_monitored(bus, config);
   if (config.trigger_on_sync && !config.sync.present) {
     bus.fail("has no sync message, but timing.trigger is \"sync\"");
   }

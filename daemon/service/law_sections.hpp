@@ -17,7 +17,9 @@ void read_law(const LawValue& law, const control::ControllerConfig& config,
               control::LawConfig& out);
 void read_valve(const LawValue& valve, const LawValue& law, const control::ControllerConfig& config,
                 control::ValveConfig& out);
-void read_safety(const LawValue& safety, double period_s, control::SafetyConfig& out);
+// Needs the model and the valves, for its times and slew limits.
+void read_safety(const LawValue& safety, const control::ControllerConfig& config,
+                 control::SafetyConfig& out);
 void read_bus(const LawValue& bus, control::ControllerConfig& config);
 void read_meta(const LawValue& payload, LawMeta& meta);
 

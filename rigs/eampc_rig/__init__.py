@@ -7,9 +7,11 @@ from eampc_rig.message_codec import DecodedFrame, MessageCodec
 from eampc_rig.overrides import parse_override
 from eampc_rig.rig_error import RigError
 from eampc_rig.rig_file import Rig, load_rig
+from eampc_rig.safety_section import FAULT_NAMES
 from eampc_rig.scenario_sections import DisturbanceTerm, Reference, Scenario, Tolerance
 
 __all__ = [
+    "FAULT_NAMES",
     "BusAddress",
     "DecodedFrame",
     "DisturbanceTerm",

@@ -1,5 +1,5 @@
 """What the design needs: [model], [control], [constraints], [tightening], [estimator],
-[parameter_box]; and what the daemon obeys: [safety], [telemetry]."""
+[parameter_box]; and what the daemon obeys beside [safety]: [telemetry]."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from eampc_rig.field_types import Name, NonNegative, Positive, Section
-
-StopAction = Literal["saturate", "soft_stop", "vent_ramp", "immediate"]
 
 
 class ModelSection(Section):
@@ -102,16 +100,6 @@ class ParameterBoxSection(Section):
     reference_velocity_max_rad_s: Positive | None = None
     disturbance1_max_rad_s: Positive | None = None
     disturbance2_max_rad_s2: Positive | None = None
-
-
-class SafetySection(Section):
-    """Section [safety]: when the daemon stops, and how. A ramp of 0 s is a jump."""
-
-    encoder_timeout_s: Positive = 0.02
-    arming_ramp_s: NonNegative = 0.5
-    soft_stop_ramp_s: NonNegative = 0.5
-    encoder_timeout_action: StopAction = "soft_stop"
-    encoder_invalid_action: StopAction = "soft_stop"
 
 
 class TelemetrySection(Section):

@@ -140,6 +140,24 @@ def _safety(rig: Rig) -> Iterator[str]:
             f"safety.encoder_timeout_s is {s.encoder_timeout_s} s, but must be greater than "
             f"control.period_s = {rig.control.period_s} s"
         )
+    low, high = s.supply_pressure_min_kPa, s.supply_pressure_max_kPa
+    if low is not None and high is not None and low >= high:
+        yield (
+            f"safety.supply_pressure_min_kPa is {low} kPa, but must be less than "
+            f"safety.supply_pressure_max_kPa = {high} kPa"
+        )
+    feedback = rig.bus.valve_feedback
+    watched = low is not None or high is not None
+    if watched and (feedback is None or feedback.supply_pressure_signal is None):
+        yield (
+            "safety.supply_pressure_min_kPa or max_kPa is set, but there is no "
+            "bus.valve_feedback.supply_pressure_signal to compare with; name one"
+        )
+    if s.encoder_status_mask and rig.bus.encoder.status_signal is None:
+        yield (
+            f"safety.encoder_status_mask is {s.encoder_status_mask}, but there is no "
+            "bus.encoder.status_signal to compare with; name one"
+        )
 
 
 def _emulator(rig: Rig) -> Iterator[str]:

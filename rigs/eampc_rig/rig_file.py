@@ -19,7 +19,6 @@ from eampc_rig.control_sections import (
     EstimatorSection,
     ModelSection,
     ParameterBoxSection,
-    SafetySection,
     TelemetrySection,
     TighteningSection,
 )
@@ -34,6 +33,7 @@ from eampc_rig.plant_sections import (
 )
 from eampc_rig.problem_sentences import nearest, sentences
 from eampc_rig.rig_error import RigError
+from eampc_rig.safety_section import SafetySection
 from eampc_rig.scenario_sections import Scenario
 
 # These tables never reach the law: a law stays valid when they change.

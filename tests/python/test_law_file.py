@@ -71,7 +71,7 @@ def repacked(law: Law, change: Any) -> bytes:
     change(payload)
     body = msgpack.packb(payload)
     return msgpack.packb(
-        {"format": "eampc-law", "version": 2, "crc32": zlib.crc32(body), "payload": body}
+        {"format": "eampc-law", "version": 3, "crc32": zlib.crc32(body), "payload": body}
     )
 
 
@@ -132,8 +132,8 @@ def test_defects_with_a_right_checksum(law: Law, change: Any, says: str) -> None
 
 def test_other_versions_and_other_files(law: Law, tmp_path: Path) -> None:
     outer = msgpack.unpackb(law.to_bytes())
-    with pytest.raises(LawFileError, match="version 1, but this eampc reads version 2"):
-        decode_law(msgpack.packb({**outer, "version": 1}), "old.law")
+    with pytest.raises(LawFileError, match="version 2, but this eampc reads version 3"):
+        decode_law(msgpack.packb({**outer, "version": 2}), "old.law")
     with pytest.raises(LawFileError, match="checksum"):
         decode_law(msgpack.packb({**outer, "crc32": outer["crc32"] ^ 1}), "bad.law")
     for data in (b"", b"\x00", b"[rig]\nname = 1\n", msgpack.packb([1, 2]), b"\xc1" * 40):

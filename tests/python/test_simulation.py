@@ -42,7 +42,7 @@ def run_with_emulator(rig: Rig, law: Law, cycles: int) -> dict[str, np.ndarray]:
     frames = resolve_frames(rig)
     run = rig.scenarios["step"]
     period_s = rig.control.period_s
-    lead = ARM_AT_CYCLE + round(rig.safety.arming_ramp_s / period_s)
+    lead = ARM_AT_CYCLE + rig.safety.arming_periods(period_s)
     plant = Plant(rig, run.disturbance, lead)
     encoder = Encoder.from_rig(rig, frames)
     cycle = _core.ControlCycle(_core.law_from_bytes(law.to_bytes()))
@@ -80,7 +80,7 @@ def test_agrees_with_the_emulators_plant(overrides: dict, law: Law) -> None:
 def test_scenario_time_begins_with_active(rig: Rig, law: Law) -> None:
     result = simulate(rig, law, "step")
     first = int(np.flatnonzero(result.active)[0])
-    assert first == ARM_AT_CYCLE + round(rig.safety.arming_ramp_s / rig.control.period_s)
+    assert first == ARM_AT_CYCLE + rig.safety.arming_periods(rig.control.period_s)
     assert result.region[first - 1] == -1
     assert (result.region[first:] >= 0).all()
     assert len(result.cycle) == first + round(

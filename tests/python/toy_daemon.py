@@ -26,6 +26,13 @@ PERIOD_S = 0.005
 ARMING_RAMP_S = 0.05
 SOFT_STOP_RAMP_S = 0.05
 BIAS_V = 5.0
+FAULT_NAMES = (
+    *("encoder_timeout", "encoder_crc", "encoder_length", "encoder_out_of_range"),
+    *("encoder_frozen", "encoder_jump", "encoder_counter_gap", "encoder_status"),
+    *("not_finite", "bus_off", "error_passive", "tx_unconfirmed", "link_down", "send_refused"),
+    *("heartbeat_lost", "emergency_message", "supply_pressure", "deadline_overruns"),
+    *("e_stop", "law_mismatch"),
+)
 # Multicast has no owner: two test runs on one machine must not meet. Below the ephemeral ports.
 UDP_PORT = 20_000 + os.getpid() % 12_000
 # A start under user-mode Linux with every page locked takes seconds; on a plain machine 50 ms.
@@ -153,8 +160,26 @@ def law_payload(**telemetry) -> dict:
             "encoder_timeout_s": 0.1,
             "arming_ramp_s": ARMING_RAMP_S,
             "soft_stop_ramp_s": SOFT_STOP_RAMP_S,
-            "encoder_timeout_action": "soft_stop",
-            "encoder_invalid_action": "soft_stop",
+            "reduced_limits_s": 0.0,
+            "reduced_control_share": 1.0,
+            "reduced_slew_V_per_s": 4000.0,
+            "encoder_invalid_frames": 20,
+            "encoder_frozen_s": 0.0,
+            "encoder_frozen_command_V": 0.5,
+            "encoder_jump_velocity_rad_s": 1e6,
+            "encoder_jump_margin_rad": 0.05,
+            "encoder_counter_gap_max": 15,
+            "encoder_status_mask": 0,
+            "error_passive_s": 0.1,
+            "tx_unconfirmed_periods": 2,
+            "send_refused_frames": 2,
+            "heartbeat_timeout_s": 0.35,
+            "supply_pressure_min_kPa": None,
+            "supply_pressure_max_kPa": None,
+            "supply_pressure_s": 0.1,
+            "deadline_overruns_max": 1_000_000,
+            "deadline_overruns_window_s": 1.0,
+            "actions": dict.fromkeys(FAULT_NAMES, "soft_stop"),
             "reference_angle_max_rad": 1.0,
         },
         "bus": {
@@ -189,6 +214,10 @@ def law_payload(**telemetry) -> dict:
                 "counter_signal": signal_layout("Sync", "SyncCounter"),
             },
             "valve_feedback": None,
+            "heartbeat": None,
+            "emergency": None,
+            "e_stop": None,
+            "identity": None,
         },
         "telemetry": {
             "lcm_url": "none",
@@ -202,7 +231,7 @@ def law_payload(**telemetry) -> dict:
 def law_bytes(payload: dict | None = None) -> bytes:
     body = msgpack.packb(payload or law_payload())
     return msgpack.packb(
-        {"format": "eampc-law", "version": 2, "crc32": zlib.crc32(body), "payload": body}
+        {"format": "eampc-law", "version": 3, "crc32": zlib.crc32(body), "payload": body}
     )
 
 

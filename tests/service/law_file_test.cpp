@@ -50,7 +50,6 @@ TEST(LawFile, LoadsWhatWasWritten) {
   // κ = (1 − e^{−aT})/a with e^{−aT} = 0.975.
   EXPECT_NEAR(c.estimator.held_integral_s, 0.005 * 0.025 / -std::log(0.975), 1e-15);
   EXPECT_EQ(c.valve.bias_V, 5.0);  // written as a whole number
-  EXPECT_EQ(c.safety.actions[control::Fault::kEncoderCrc], control::StopAction::kVentRamp);
   EXPECT_EQ(c.encoder.velocity.start_bit, 24);
   EXPECT_TRUE(c.valve_command.crc.present);
   EXPECT_EQ(c.valve_command.crc.data_id, 0x201);
@@ -59,6 +58,46 @@ TEST(LawFile, LoadsWhatWasWritten) {
   EXPECT_FALSE(c.trigger_on_sync);
   const double p[8] = {0.1, 0.5, 3.0, 0.0, 0.0};
   EXPECT_NEAR(control::evaluate(c.law.packed, p).u, -2.0, 1e-12);
+}
+
+TEST(LawFile, TheSafetySectionAndTheMonitoredMessages) {
+  const LawFile law = LawFile::from_bytes(law_bytes(synthetic_payload()), "rig.law");
+  const ControllerConfig& c = law.config();
+  EXPECT_EQ(c.safety.reduced_limits_s, 0.25);
+  EXPECT_EQ(c.safety.reduced_control_share, 0.4);
+  EXPECT_EQ(c.safety.reduced_slew_V_per_s, 300.0);
+  EXPECT_EQ(c.safety.encoder_invalid_frames, 5);
+  EXPECT_EQ(c.safety.encoder_frozen_s, 0.1);
+  EXPECT_EQ(c.safety.encoder_frozen_command_V, 0.6);
+  EXPECT_EQ(c.safety.encoder_jump_velocity_rad_s, 18.0);
+  EXPECT_EQ(c.safety.encoder_jump_margin_rad, 0.07);
+  EXPECT_EQ(c.safety.encoder_counter_gap_max, 2);
+  EXPECT_EQ(c.safety.encoder_status_mask, 12u);
+  EXPECT_EQ(c.safety.error_passive_s, 0.3);
+  EXPECT_EQ(c.safety.tx_unconfirmed_periods, 3);
+  EXPECT_EQ(c.safety.send_refused_frames, 4);
+  EXPECT_EQ(c.safety.heartbeat_timeout_s, 0.35);
+  EXPECT_EQ(c.safety.supply_pressure_min_kPa, 500.0);
+  EXPECT_EQ(c.safety.supply_pressure_max_kPa, std::numeric_limits<double>::infinity());
+  EXPECT_EQ(c.safety.supply_pressure_s, 0.2);
+  EXPECT_EQ(c.safety.deadline_overruns_max, 7);
+  EXPECT_EQ(c.safety.deadline_overruns_window_s, 2.0);
+  EXPECT_EQ(c.safety.actions[control::Fault::kEncoderTimeout], control::StopAction::kSoftStop);
+  EXPECT_EQ(c.safety.actions[control::Fault::kEncoderCrc], control::StopAction::kVentRamp);
+  EXPECT_EQ(c.safety.actions[control::Fault::kEStop], control::StopAction::kImmediate);
+  EXPECT_EQ(c.safety.actions[control::Fault::kLawMismatch], control::StopAction::kSaturate);
+
+  EXPECT_TRUE(c.valve_feedback.present);
+  EXPECT_EQ(c.valve_feedback.id, 0x182u);
+  EXPECT_FALSE(c.valve_feedback.pressure1.present);
+  EXPECT_EQ(c.valve_feedback.supply_pressure.start_bit, 32);
+  EXPECT_TRUE(c.heartbeat.present);
+  EXPECT_EQ(c.heartbeat.length, 1);
+  EXPECT_FALSE(c.emergency.present);
+  EXPECT_TRUE(c.e_stop.present);
+  EXPECT_EQ(c.e_stop.released_raw, 1u);
+  EXPECT_FALSE(c.identity.present);
+  EXPECT_EQ(c.inputs_crc32, 4000000000u);
 }
 
 TEST(LawFile, MovingKeepsTheLaw) {
@@ -135,9 +174,9 @@ TEST(LawFile, RandomBytesAreRefused) {
 TEST(LawFile, FormatAndVersion) {
   EXPECT_NE(refusal(law_bytes(synthetic_payload(), 2, "other")).find("not a law file"),
             std::string::npos);
-  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 1)).find("has version 1, this eampcd reads"),
+  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 2)).find("has version 2, this eampcd reads"),
             std::string::npos);
-  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 3)).find("version 3"), std::string::npos);
+  EXPECT_NE(refusal(law_bytes(synthetic_payload(), 4)).find("version 4"), std::string::npos);
 }
 
 // One defect per row and what its sentence must name.
@@ -191,8 +230,27 @@ TEST(LawFile, TableOfDefects) {
        [](Tree& t) { t["valve"]["slew_max_V_per_s"] = 0.1; }},
       {"safety.encoder_timeout_s", [](Tree& t) { t["safety"]["encoder_timeout_s"] = 0.001; }},
       {"safety.arming_ramp_s", [](Tree& t) { t["safety"]["arming_ramp_s"] = -1.0; }},
-      {"safety.encoder_timeout_action",
-       [](Tree& t) { t["safety"]["encoder_timeout_action"] = "hope"; }},
+      {"safety.actions.encoder_crc",
+       [](Tree& t) { t["safety"]["actions"]["encoder_crc"] = "hope"; }},
+      {"safety.actions lacks the key e_stop",
+       [](Tree& t) { t["safety"]["actions"].erase("e_stop"); }},
+      {"safety lacks the key heartbeat_timeout_s",
+       [](Tree& t) { t["safety"].erase("heartbeat_timeout_s"); }},
+      {"safety.reduced_control_share", [](Tree& t) { t["safety"]["reduced_control_share"] = 1.5; }},
+      {"safety.reduced_slew_V_per_s allows",
+       [](Tree& t) { t["safety"]["reduced_slew_V_per_s"] = 0.1; }},
+      {"safety.encoder_invalid_frames", [](Tree& t) { t["safety"]["encoder_invalid_frames"] = 0; }},
+      {"safety.encoder_status_mask", [](Tree& t) { t["safety"]["encoder_status_mask"] = -1; }},
+      {"safety.tx_unconfirmed_periods", [](Tree& t) { t["safety"]["tx_unconfirmed_periods"] = 0; }},
+      {"must be above supply_pressure_min_kPa",
+       [](Tree& t) { t["safety"]["supply_pressure_max_kPa"] = 400.0; }},
+      {"bus.heartbeat.id is that of", [](Tree& t) { t["bus"]["heartbeat"]["id"] = 0x181; }},
+      {"bus.valve_feedback.signals.supply_pressure does not fit",
+       [](Tree& t) { t["bus"]["valve_feedback"]["length"] = 4; }},
+      {"bus.e_stop lacks the key released_raw",
+       [](Tree& t) { t["bus"]["e_stop"].erase("released_raw"); }},
+      {"bus.e_stop.signals lacks the signal stop",
+       [](Tree& t) { t["bus"]["e_stop"]["signals"].erase("stop"); }},
       {"safety.reference_angle_max_rad",
        [](Tree& t) { t["safety"]["reference_angle_max_rad"] = 0.0; }},
       {"bus.encoder.signals lacks the signal angle",

@@ -13,6 +13,8 @@
 #include <variant>
 #include <vector>
 
+#include "control/fault.hpp"
+
 namespace eampc::service {
 
 // A MessagePack value that can be built and changed.
@@ -107,6 +109,39 @@ inline Tree synthetic_evaluator() {
                    {"fold", vector({0, 0, 0, 0, 0})}};
 }
 
+// Every cause with the action of its number, modulo four.
+inline Tree synthetic_safety() {
+  Tree::Map actions;
+  for (std::size_t number = 1; number < control::kFaultCount; ++number) {
+    actions[control::fault_name(static_cast<control::Fault>(number))] =
+        control::action_name(static_cast<control::StopAction>(number % 4));
+  }
+  return Tree::Map{{"encoder_timeout_s", 0.02},
+                   {"arming_ramp_s", 0.5},
+                   {"soft_stop_ramp_s", 0.5},
+                   {"reduced_limits_s", 0.25},
+                   {"reduced_control_share", 0.4},
+                   {"reduced_slew_V_per_s", 300.0},
+                   {"encoder_invalid_frames", 5},
+                   {"encoder_frozen_s", 0.1},
+                   {"encoder_frozen_command_V", 0.6},
+                   {"encoder_jump_velocity_rad_s", 18.0},
+                   {"encoder_jump_margin_rad", 0.07},
+                   {"encoder_counter_gap_max", 2},
+                   {"encoder_status_mask", 12},
+                   {"error_passive_s", 0.3},
+                   {"tx_unconfirmed_periods", 3},
+                   {"send_refused_frames", 4},
+                   {"heartbeat_timeout_s", 0.35},
+                   {"supply_pressure_min_kPa", 500.0},
+                   {"supply_pressure_max_kPa", Tree()},
+                   {"supply_pressure_s", 0.2},
+                   {"deadline_overruns_max", 7},
+                   {"deadline_overruns_window_s", 2.0},
+                   {"actions", actions},
+                   {"reference_angle_max_rad", 1.0}};
+}
+
 inline Tree synthetic_payload() {
   const Tree crc181 = Tree::Map{{"byte", 7}, {"data_id", 0x181}};
   const Tree crc201 = Tree::Map{{"byte", 7}, {"data_id", 0x201}};
@@ -162,35 +197,46 @@ inline Tree synthetic_payload() {
                           {"max_V", 10},
                           {"safe_V", 0.0},
                           {"slew_max_V_per_s", 4000.0}}},
-      {"safety", Tree::Map{{"encoder_timeout_s", 0.02},
-                           {"arming_ramp_s", 0.5},
-                           {"soft_stop_ramp_s", 0.5},
-                           {"encoder_timeout_action", "soft_stop"},
-                           {"encoder_invalid_action", "vent_ramp"},
-                           {"reference_angle_max_rad", 1.0}}},
-      {"bus", Tree::Map{{"encoder",
-                         Tree::Map{{"id", 0x181},
+      {"safety", synthetic_safety()},
+      {"bus",
+       Tree::Map{
+           {"encoder", Tree::Map{{"id", 0x181},
+                                 {"extended", false},
+                                 {"length", 8},
+                                 {"crc", crc181},
+                                 {"signals", Tree::Map{{"angle", signal(0, 24, true, 4.8e-5)},
+                                                       {"velocity", signal(24, 16, true, 0.0005)},
+                                                       {"counter", signal(40, 4, false, 1)},
+                                                       {"status", signal(44, 4, false, 1)}}}}},
+           {"valve_command",
+            Tree::Map{{"id", 0x201},
+                      {"extended", false},
+                      {"length", 8},
+                      {"crc", crc201},
+                      {"signals", Tree::Map{{"u1", signal(0, 16, true, 0.001)},
+                                            {"u2", signal(16, 16, true, 0.001)},
+                                            {"enable", signal(32, 1, false, 1)},
+                                            {"counter", signal(36, 4, false, 1)}}}}},
+           {"sync", Tree::Map{{"id", 128},
+                              {"extended", false},
+                              {"length", 1},
+                              {"counter_signal", signal(0, 8, false, 1)}}},
+           {"valve_feedback",
+            Tree::Map{{"id", 0x182},
+                      {"extended", false},
+                      {"length", 8},
+                      {"signals", Tree::Map{{"supply_pressure", signal(32, 16, false, 0.1)}}}}},
+           {"heartbeat", Tree::Map{{"id", 0x701},
                                    {"extended", false},
-                                   {"length", 8},
-                                   {"crc", crc181},
-                                   {"signals", Tree::Map{{"angle", signal(0, 24, true, 4.8e-5)},
-                                                         {"velocity", signal(24, 16, true, 0.0005)},
-                                                         {"counter", signal(40, 4, false, 1)},
-                                                         {"status", signal(44, 4, false, 1)}}}}},
-                        {"valve_command",
-                         Tree::Map{{"id", 0x201},
-                                   {"extended", false},
-                                   {"length", 8},
-                                   {"crc", crc201},
-                                   {"signals", Tree::Map{{"u1", signal(0, 16, true, 0.001)},
-                                                         {"u2", signal(16, 16, true, 0.001)},
-                                                         {"enable", signal(32, 1, false, 1)},
-                                                         {"counter", signal(36, 4, false, 1)}}}}},
-                        {"sync", Tree::Map{{"id", 128},
-                                           {"extended", false},
-                                           {"length", 1},
-                                           {"counter_signal", signal(0, 8, false, 1)}}},
-                        {"valve_feedback", Tree()}}},
+                                   {"length", 1},
+                                   {"signals", Tree::Map{{"state", signal(0, 8, false, 1)}}}}},
+           {"emergency", Tree()},
+           {"e_stop", Tree::Map{{"id", 0x10},
+                                {"extended", false},
+                                {"length", 1},
+                                {"released_raw", 1},
+                                {"signals", Tree::Map{{"stop", signal(0, 1, false, 1)}}}}},
+           {"identity", Tree()}}},
       {"telemetry",
        Tree::Map{{"lcm_url", "none"}, {"state_decimation", 1}, {"reference_by_lcm", false}}},
   };
@@ -201,7 +247,7 @@ inline std::vector<std::uint8_t> bytes_of(const msgpack::sbuffer& buffer) {
           reinterpret_cast<const std::uint8_t*>(buffer.data()) + buffer.size()};
 }
 
-inline std::vector<std::uint8_t> law_bytes(const Tree& payload, std::int64_t version = 2,
+inline std::vector<std::uint8_t> law_bytes(const Tree& payload, std::int64_t version = 3,
                                            const std::string& format = "eampc-law") {
   msgpack::sbuffer inner;
   msgpack::packer<msgpack::sbuffer> inner_packer(inner);

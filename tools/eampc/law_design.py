@@ -14,6 +14,7 @@ from eampc import _core
 from eampc.errors import DesignError
 from eampc.law import Law
 from eampc.law_arrays import active_set_words, tables_payload
+from eampc.law_safety import safety_table
 
 if TYPE_CHECKING:
     from eampc_rig import Rig
@@ -410,14 +411,7 @@ def _payload(
             key: float(getattr(rig.valve, key))
             for key in ("bias_V", "control_gain_V", "min_V", "max_V", "safe_V", "slew_max_V_per_s")
         },
-        "safety": {
-            "encoder_timeout_s": rig.safety.encoder_timeout_s,
-            "arming_ramp_s": rig.safety.arming_ramp_s,
-            "soft_stop_ramp_s": rig.safety.soft_stop_ramp_s,
-            "encoder_timeout_action": rig.safety.encoder_timeout_action,
-            "encoder_invalid_action": rig.safety.encoder_invalid_action,
-            "reference_angle_max_rad": rig.constraints.angle_max_rad,
-        },
+        "safety": safety_table(rig),
         "bus": resolve_frames(rig).layout(),
         "telemetry": {
             "lcm_url": rig.telemetry.lcm_url,

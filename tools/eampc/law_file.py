@@ -1,6 +1,6 @@
 """The law file: one MessagePack map with version and checksum around all that the daemon needs.
 
-    {"format": "eampc-law", "version": 2, "crc32": zlib.crc32(payload), "payload": bytes}
+    {"format": "eampc-law", "version": 3, "crc32": zlib.crc32(payload), "payload": bytes}
 
 The payload is a MessagePack map in which an array is {"shape": [...], "f64": bytes} (or "i32"),
 little-endian, row-major. The same payload always gives the same bytes.
@@ -43,9 +43,10 @@ import numpy as np
 
 from eampc.errors import LawFileError
 from eampc.law_arrays import law_tables
+from eampc.law_safety import SAFETY_KEYS
 
 FORMAT = "eampc-law"
-VERSION = 2
+VERSION = 3
 REDESIGN = "design it again with: eampc design RIG -o FILE"
 
 # Section → keys that must be there. Sizes and numbers are checked below.
@@ -112,15 +113,17 @@ _SECTIONS: dict[str, tuple[str, ...]] = {
     ),
     "tightening": ("kind", "epsilon"),
     "valve": ("bias_V", "control_gain_V", "min_V", "max_V", "safe_V", "slew_max_V_per_s"),
-    "safety": (
-        "encoder_timeout_s",
-        "arming_ramp_s",
-        "soft_stop_ramp_s",
-        "encoder_timeout_action",
-        "encoder_invalid_action",
-        "reference_angle_max_rad",
+    "safety": SAFETY_KEYS,
+    "bus": (
+        "encoder",
+        "valve_command",
+        "sync",
+        "valve_feedback",
+        "heartbeat",
+        "emergency",
+        "e_stop",
+        "identity",
     ),
-    "bus": ("encoder", "valve_command", "sync", "valve_feedback"),
     "telemetry": ("lcm_url", "state_decimation", "reference_by_lcm"),
 }
 # kMaxParameters of the daemon: its nodes and pieces have this many coefficients.

@@ -15,6 +15,7 @@
 #include "control/frame_codec.hpp"
 #include "law_design/bind_reference.hpp"
 #include "law_design/numpy_column.hpp"
+#include "law_design/offline_config.hpp"
 #include "service/law_file.hpp"
 
 namespace nb = nanobind;
@@ -58,25 +59,28 @@ nb::tuple evaluate_law(const LawFile& law, const RowArray& P) {
                         numpy_column(std::move(clamped)).attr("astype")("bool"));
 }
 
-// The cycle keeps a reference to the law's configuration, and the trajectory's table must outlive
+// The cycle keeps a reference to its configuration, and the trajectory's table must outlive
 // its use.
 class BoundCycle {
  public:
-  explicit BoundCycle(std::shared_ptr<const LawFile> law)
-      : law_(std::move(law)), cycle_(law_->config()) {}
+  BoundCycle(std::shared_ptr<const LawFile> law, bool monitored)
+      : law_(std::move(law)),
+        config_(monitored ? law_->config() : offline_config(law_->config())),
+        cycle_(config_) {}
+  BoundCycle(const BoundCycle&) = delete;
+  BoundCycle& operator=(const BoundCycle&) = delete;
+
+  void observe(std::uint32_t id, const nb::bytes& data, bool extended) {
+    cycle_.observe(frame_of(id, data, extended));
+  }
 
   nb::dict step(std::optional<std::uint32_t> id, std::optional<nb::bytes> data,
                 const std::string& action, bool extended, bool send_failed) {
     control::Frame frame;
     control::CycleInput input;
     if (id) {
-      if (!data || data->size() > frame.data.size()) {
-        throw nb::value_error("a frame needs data of 0 to 8 bytes");
-      }
-      frame.id = *id;
-      frame.extended = extended;
-      frame.length = static_cast<std::uint8_t>(data->size());
-      std::copy_n(static_cast<const std::uint8_t*>(data->data()), data->size(), frame.data.begin());
+      if (!data) throw nb::value_error("a frame needs data of 0 to 8 bytes");
+      frame = frame_of(*id, *data, extended);
       input.encoder_frame = &frame;
     }
     input.action = action_of(action);
@@ -100,6 +104,18 @@ class BoundCycle {
   bool at_rest() const { return cycle_.at_rest(); }
 
  private:
+  static control::Frame frame_of(std::uint32_t id, const nb::bytes& data, bool extended) {
+    control::Frame frame;
+    if (data.size() > frame.data.size()) {
+      throw nb::value_error("a frame needs data of 0 to 8 bytes");
+    }
+    frame.id = id;
+    frame.extended = extended;
+    frame.length = static_cast<std::uint8_t>(data.size());
+    std::copy_n(static_cast<const std::uint8_t*>(data.data()), data.size(), frame.data.begin());
+    return frame;
+  }
+
   static control::OperatorAction action_of(const std::string& action) {
     if (action == "none") return control::OperatorAction::kNone;
     if (action == "arm") return control::OperatorAction::kArm;
@@ -133,11 +149,17 @@ class BoundCycle {
     row["mode"] = control::mode_text(record.mode);
     row["fault"] = static_cast<int>(record.fault);
     row["fault_text"] = control::fault_text(record.fault);
+    row["fault_name"] = control::fault_name(record.fault);
+    row["present_faults"] = record.present_faults.bits();
+    row["refusal"] = static_cast<int>(record.refusal);
+    row["refusal_text"] = control::refusal_text(record.refusal);
+    row["refusal_cause"] = static_cast<int>(record.refusal_cause);
     row["limits"] = record.limits;
     return row;
   }
 
   std::shared_ptr<const LawFile> law_;
+  control::ControllerConfig config_;
   control::ControlCycle cycle_;
   control::ReferenceTrajectory trajectory_;
   std::vector<control::Reference> table_;
@@ -253,6 +275,16 @@ void bind_control(nb::module_& m) {
            "released.\n"
            "ValueError: wrong number of columns.");
   m.def(
+      "fault_names",
+      [] {
+        std::vector<std::string> names;
+        for (std::size_t number = 1; number < control::kFaultCount; ++number) {
+          names.emplace_back(control::fault_name(static_cast<control::Fault>(number)));
+        }
+        return names;
+      },
+      "Names of the fault matrix, from number 1 on.");
+  m.def(
       "load_law", [](const std::string& path) { return LawFile::load(path); }, "path"_a,
       "Load and check a law file. LawFileError: one sentence that names file, defect and mend.");
   m.def("law_from_bytes", &law_from_bytes, "data"_a, "name"_a = "law",
@@ -261,11 +293,16 @@ void bind_control(nb::module_& m) {
   nb::class_<BoundCycle>(m, "ControlCycle", "The daemon's control cycle, one period per step.")
       .def(
           "__init__",
-          // The law object is kept alive by this one; its configuration is referred to, not copied.
-          [](BoundCycle* self, LawFile& law) {
-            new (self) BoundCycle(std::shared_ptr<const LawFile>(&law, [](const LawFile*) {}));
+          // The law object is kept alive by this one; its tables are referred to, not copied.
+          [](BoundCycle* self, LawFile& law, bool monitored) {
+            new (self)
+                BoundCycle(std::shared_ptr<const LawFile>(&law, [](const LawFile*) {}), monitored);
           },
-          "law"_a, nb::keep_alive<1, 2>())
+          "law"_a, "monitored"_a = false, nb::keep_alive<1, 2>(),
+          "monitored: the faults of the law file's monitored messages exist; hand those in by "
+          "observe().")
+      .def("observe", &BoundCycle::observe, "id"_a, "data"_a, "extended"_a = false,
+           "A frame of a monitored message, for the next step.")
       .def("step", &BoundCycle::step, "id"_a = nb::none(), "data"_a = nb::none(),
            "action"_a = "none", "extended"_a = false, "send_failed"_a = false,
            "One period: encoder frame (id, data) or none → dict of the cycle's record and the "

@@ -8,6 +8,7 @@
 
 #include "law_design/bind_cycles.hpp"
 #include "law_design/bind_plant.hpp"
+#include "law_design/closed_loop_simulation.hpp"
 #include "law_design/numpy_column.hpp"
 #include "law_design/verification_campaign.hpp"
 #include "service/law_file.hpp"
@@ -110,8 +111,8 @@ nb::tuple replay_bound(const service::LawFile& law, const Campaign& campaign, st
 nb::dict trial_bound(const service::LawFile& law, const Campaign& campaign, std::uint64_t index) {
   require_sound(campaign);
   const control::ControllerConfig& config = law.config();
-  const Trial trial =
-      draw_trial(campaign, index, config.model.period_s, config.safety.arming_ramp_s);
+  const Trial trial = draw_trial(campaign, index, config.model.period_s,
+                                 lead_cycles(config, 0) * config.model.period_s);
   const PlantParameters& p = trial.plant;
   nb::dict plant;
   plant["moment_of_inertia_kg_m2"] = p.moment_of_inertia_kg_m2;

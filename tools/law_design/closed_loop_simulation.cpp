@@ -2,15 +2,18 @@
 
 #include <cmath>
 
+#include "control/arming.hpp"
+#include "law_design/offline_config.hpp"
+
 namespace eampc::law_design {
 
 int lead_cycles(const control::ControllerConfig& config, int arm_at_cycle) {
-  return arm_at_cycle +
-         static_cast<int>(std::round(config.safety.arming_ramp_s / config.model.period_s));
+  return arm_at_cycle + control::arming_periods(config.safety, config.model.period_s);
 }
 
-std::vector<SimulatedCycle> simulate(const control::ControllerConfig& config,
+std::vector<SimulatedCycle> simulate(const control::ControllerConfig& daemon_config,
                                      const PlantParameters& plant, const RunPlan& plan) {
+  const control::ControllerConfig config = offline_config(daemon_config);
   const double T = config.model.period_s;
   const int lead = lead_cycles(config, plan.arm_at_cycle);
   const int cycles = lead + static_cast<int>(std::round(plan.duration_s / T));

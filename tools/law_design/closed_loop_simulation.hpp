@@ -25,7 +25,7 @@ struct SimulatedCycle {
   double disturbance_rad_s2 = 0.0;
 };
 
-// Cycles before ACTIVE: arm_at_cycle + round(arming ramp / T).
+// Cycles before ACTIVE: arm_at_cycle, the arming ramp, the law within reduced limits.
 int lead_cycles(const control::ControllerConfig& config, int arm_at_cycle);
 
 // lead + round(duration / T) cycles.

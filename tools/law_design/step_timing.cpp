@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "control/encoder_codec.hpp"
+#include "law_design/offline_config.hpp"
 
 namespace eampc::law_design {
 namespace {
@@ -108,8 +109,9 @@ double time_replay(const Rows& rows, std::size_t lead, auto replay) {
 
 }  // namespace
 
-ControllerTiming time_steps(const control::ControllerConfig& config, const PlantParameters& plant,
-                            const RunPlan& plan) {
+ControllerTiming time_steps(const control::ControllerConfig& daemon_config,
+                            const PlantParameters& plant, const RunPlan& plan) {
+  const control::ControllerConfig config = offline_config(daemon_config);
   const Rows rows = simulate(config, plant, plan);
   const auto lead = static_cast<std::size_t>(lead_cycles(config, plan.arm_at_cycle));
   return {

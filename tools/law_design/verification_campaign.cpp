@@ -9,6 +9,7 @@
 #include "control/encoder_codec.hpp"
 #include "law_design/frame_judge.hpp"
 #include "law_design/joint_integrator.hpp"
+#include "law_design/offline_config.hpp"
 #include "law_design/trial_generator.hpp"
 
 namespace eampc::law_design {
@@ -34,10 +35,11 @@ double thread_time_s() {
 
 }  // namespace
 
-TrialOutcome run_trial(const control::ControllerConfig& config, const Campaign& campaign,
+TrialOutcome run_trial(const control::ControllerConfig& daemon_config, const Campaign& campaign,
                        std::uint64_t index, std::vector<SimulatedCycle>* history) {
+  const control::ControllerConfig config = offline_config(daemon_config);
   const double T = config.model.period_s;
-  const Trial trial = draw_trial(campaign, index, T, config.safety.arming_ramp_s);
+  const Trial trial = draw_trial(campaign, index, T, lead_cycles(config, 0) * T);
   const PlantParameters& plant = trial.plant;
   const TrialDisturbance& disturbance = trial.disturbance;
   TrialGenerator noise(campaign.seed ^ kNoiseStream, index);
