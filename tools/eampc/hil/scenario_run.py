@@ -89,7 +89,7 @@ class Timetable:
 
 def timetable(rig: Rig, scenario_name: str) -> Timetable:
     period_s = rig.control.period_s
-    active = ARM_CYCLE + round(rig.safety.arming_ramp_s / period_s)
+    active = ARM_CYCLE + rig.safety.arming_periods(period_s)
     disarm = active + round(rig.scenarios[scenario_name].duration_s / period_s)
     # A soft stop is two ramps: to the bias, then to the safe voltage.
     stop = round((2 * rig.safety.soft_stop_ramp_s + REST_S) / period_s)
