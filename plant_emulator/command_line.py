@@ -20,6 +20,7 @@ from eampc_rig.scenario_sections import DisturbanceTerm
 from plant_emulator.bus_faults import BusFaults
 from plant_emulator.can_interface import CanInterface
 from plant_emulator.command_log import CommandLog
+from plant_emulator.daemon_process import DaemonProcess
 from plant_emulator.emulator_error import EmulatorError
 from plant_emulator.encoder import Encoder
 from plant_emulator.fault_injection import FaultInjector, parse_fault
@@ -115,6 +116,7 @@ def emulate(
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
+    daemon = None if daemon_pid is None else DaemonProcess(daemon_pid)
     link = open_bus(bus)
     bus_faults = BusFaults(faults, _interface(bus))
     try:
@@ -122,10 +124,10 @@ def emulate(
             pacing, way = LockStep(link, node, stop, bus_faults), "lock-step"
         elif loaded.control.trigger == "sync" and codecs.sync is not None:
             sync_id = (codecs.sync.frame_id, codecs.sync.is_extended)
-            pacing = SyncPaced(link, node, stop, bus_faults, sync_id, daemon_pid)
+            pacing = SyncPaced(link, node, stop, bus_faults, sync_id, daemon)
             way = "real time, paced by Sync frames"
         else:
-            pacing = RealTime(link, node, stop, bus_faults, daemon_pid)
+            pacing = RealTime(link, node, stop, bus_faults, daemon)
             way = "real time"
         print(f"{PROGRAM}: rig {loaded.rig.name} on {bus} in {way}", flush=True)
         done = _run(pacing, frames, truth, telemetry)

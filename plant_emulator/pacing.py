@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import heapq
 import math
-import os
-import signal
 import threading
 import time
 from dataclasses import dataclass
@@ -13,6 +11,7 @@ from dataclasses import dataclass
 import can
 
 from plant_emulator.bus_faults import BusFaults
+from plant_emulator.daemon_process import DaemonProcess
 from plant_emulator.emulator_error import EmulatorError
 from plant_emulator.joint_node import JointNode
 from plant_emulator.truth_log import TruthRow
@@ -134,12 +133,13 @@ class RealTime(Pacing):
         node: JointNode,
         stop: threading.Event,
         bus_faults: BusFaults,
-        daemon_pid: int | None = None,
+        daemon: DaemonProcess | None = None,
     ) -> None:
-        """daemon_pid: the process that fault deadline_overruns stops."""
+        """daemon: the process that the fault deadline_overruns stops."""
         super().__init__(bus, node, stop, bus_faults)
-        self._daemon_pid = daemon_pid
+        self._daemon = daemon
         self._start_s = 0.0
+        self._sent_s = 0.0  # the newest encoder frame
         self._delayed: list[tuple[float, int, bytes]] = []
         self._order = 0
 
@@ -151,7 +151,7 @@ class RealTime(Pacing):
             return None
         self._bus_faults.begin_frame(frame, self._send)
         if node.faults.misses_deadline(frame - 1):
-            self._signal_daemon(signal.SIGSTOP)
+            self._stopped_daemon().stop()
         for message in node.begin_frame(frame):
             self._send(message)
         sent_s = math.nan
@@ -163,22 +163,19 @@ class RealTime(Pacing):
                 continue
             now_s = time.monotonic()
             sent_s = now_s if math.isnan(sent_s) else sent_s
+            self._sent_s = now_s
             self._send(node.encoder_message(delivery.data))
         if node.faults.misses_deadline(frame - 2):
-            time.sleep(max(0.0, instant_s + 0.5 * node.period_s - time.monotonic()))
-            self._signal_daemon(signal.SIGCONT)
+            waking_s = max(instant_s, self._sent_s + node.period_s) + 0.5 * node.period_s
+            time.sleep(max(0.0, waking_s - time.monotonic()))
+            self._stopped_daemon().go_on()
         answered_s = self._listen(instant_s)
         return node.end_frame(sent_s, answered_s)
 
-    def _signal_daemon(self, number: signal.Signals) -> None:
-        if self._daemon_pid is None:
+    def _stopped_daemon(self) -> DaemonProcess:
+        if self._daemon is None:
             raise EmulatorError("the fault deadline_overruns needs --daemon-pid")
-        try:
-            os.kill(self._daemon_pid, number)
-        except OSError as error:
-            raise EmulatorError(
-                f"the daemon (process {self._daemon_pid}) cannot be stopped: {error.strerror}"
-            ) from None
+        return self._daemon
 
     def _await_instant(self, frame: int) -> float:
         """Wait for the beginning of period `frame`; return its time of CLOCK_MONOTONIC in s."""
@@ -250,10 +247,10 @@ class SyncPaced(RealTime):
         stop: threading.Event,
         bus_faults: BusFaults,
         sync_id: tuple[int, bool],
-        daemon_pid: int | None = None,
+        daemon: DaemonProcess | None = None,
     ) -> None:
         """`sync_id` is the identifier and whether it has 29 bits."""
-        super().__init__(bus, node, stop, bus_faults, daemon_pid)
+        super().__init__(bus, node, stop, bus_faults, daemon)
         self._sync_id = sync_id
         self._sync_waits = False  # came while the period before was not over
 

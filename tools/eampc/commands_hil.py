@@ -46,6 +46,15 @@ CandumpOption = Annotated[
     Path | None,
     typer.Option("--candump", metavar="FILE", help="Record the bus in the format of candump -L."),
 ]
+FaultOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="NAME@T[..T2]|list",
+        help="Let a fault happen at scenario time T (until T2), in s; repeatable. The run is then "
+        "judged by how the daemon stops. list: all of them, and what happens.",
+    ),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -79,11 +88,16 @@ def hil(
     ] = True,
     lcm_url: LcmOption = None,
     candump: CandumpOption = None,
+    fault: FaultOption = None,
 ) -> None:
     """Run daemon and emulated rig, write a report.
 
-    Exit status 0 only if the rig's tolerances hold.
+    Exit status 0 only if the rig's tolerances hold; with --fault, if every fault is answered as
+    the rig file says.
     """
+    if fault and "list" in fault:
+        _list_faults(rig, variant, tuple(changes or ()), bus, lockstep)
+        return
     passed = _run(
         rig_path=rig,
         scenario=scenario,
@@ -96,6 +110,7 @@ def hil(
         lockstep=lockstep,
         lcm_url=lcm_url,
         candump=candump,
+        faults=tuple(fault or ()),
     )
     if not passed:
         raise typer.Exit(1)
@@ -155,11 +170,14 @@ def _run(
     lockstep: bool,
     lcm_url: str | None,
     candump: Path | None,
+    faults: tuple[str, ...] = (),
 ) -> bool:
     """True if every scenario met the rig's tolerances."""
     from eampc_rig import load_rig, open_bus, parse_override
 
     from eampc.hil.bus_log import BusLog
+    from eampc.hil.fault_plan import read_faults
+    from eampc.hil.fault_report import fault_table
     from eampc.hil.law_choice import cached_law, checked_law
     from eampc.hil.processes import daemon_program, ended_by_signal
     from eampc.hil.report import Circumstances, left_bounds, terminal_table, unmet, write_report
@@ -172,6 +190,7 @@ def _run(
     # The emulator would say the same of a bad key, but only after the daemon is up.
     load_rig(rig_path, variant, {**overrides, **dict(parse_override(c) for c in emulator_changes)})
     names = _scenario_names(loaded, scenario)
+    timed_faults = tuple(read_faults(faults, loaded, bus_url, lockstep))
     # All that may be wrong comes before the design, which may take half a minute.
     daemon_program()
     law_path = checked_law(law, loaded) if law else None
@@ -189,6 +208,7 @@ def _run(
         lockstep=lockstep,
         law=law_path,
         lcm_url=lcm_url or loaded.telemetry.lcm_url,
+        faults=timed_faults,
     )
     runs = []
     with ended_by_signal(), ExitStack() as stack:
@@ -225,14 +245,30 @@ def _run(
         )
         progress.update(drawing, total=1.0, completed=1.0)
     console = output_console()
-    console.print(terminal_table(loaded, runs))
+    console.print(fault_table(runs) if timed_faults else terminal_table(loaded, runs))
     for run in runs:
         for sentence in unmet(run):
             console.print(f"not met: {sentence}")
-        for sentence in left_bounds(run):
+        for sentence in [] if timed_faults else left_bounds(run):
             console.print(f"outside the bounds: {sentence}")
     console.print(f"report: {page}")
     return all(run.assessment.passed for run in runs)
+
+
+def _list_faults(
+    rig_path: Path, variant: str | None, changes: tuple[str, ...], bus_url: str, lockstep: bool
+) -> None:
+    from eampc_rig import load_rig, parse_override
+    from rich.table import Table
+
+    from eampc.hil.fault_plan import fault_list
+    from eampc.terminal import output_console
+
+    rig = load_rig(rig_path, variant, dict(parse_override(change) for change in changes))
+    table = Table("Fault", "What happens", "The daemon")
+    for row in fault_list(rig, bus_url, lockstep):
+        table.add_row(*row)
+    output_console().print(table)
 
 
 def _design(rig: "Rig", path: Path) -> None:

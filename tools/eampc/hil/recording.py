@@ -31,13 +31,17 @@ RECORD_COLUMNS = [
     "disturbance_rad_s2",
     "u1_V",
     "u2_V",
+    "region",
     "mode",
     "fault",
+    "present_faults",
     "arrival_to_wake_us",
     "wake_to_decided_us",
     "decided_to_sent_us",
     "arrival_to_sent_us",
 ]
+# The command frames as the emulated node received them; frame: the period they arrived in.
+COMMAND_COLUMNS = ["frame", "offset_s", "valid", "u1_V", "u2_V", "enable", "counter"]
 
 
 @dataclass(frozen=True)

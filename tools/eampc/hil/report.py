@@ -4,15 +4,16 @@ import html
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from eampc_rig import Rig
+from eampc_rig import Rig, Tolerance
 from rich.table import Table
 
 from eampc.hil.assessment import Judged, scenario_rows
+from eampc.hil.fault_report import fault_section
 from eampc.hil.figures import LoopData, write_figures
 from eampc.hil.scenario_run import ScenarioRun
 
@@ -124,6 +125,8 @@ def _summary(rig: Rig, runs: Sequence[ScenarioRun], of: Circumstances) -> dict[s
                 "daemon_peak_memory_MB": run.daemon_memory_MB,
                 "daemon_counters": run.status.get("counters", {}),
                 "seconds": round(run.seconds, 3),
+                "faults": [verdict.as_summary() for verdict in run.verdicts],
+                "wire": None if run.wire is None else asdict(run.wire),
             }
             for run in runs
         },
@@ -143,6 +146,8 @@ def _rows(rig: Rig, runs: Sequence[ScenarioRun]) -> list[list[str]]:
     rows = []
     for run in runs:
         figures, tolerance = run.assessment, rig.scenarios[run.name].tolerance
+        if run.verdicts:  # a joint that was stopped tracks nothing
+            tolerance = Tolerance()
         rows.append(
             [
                 run.name,
@@ -245,7 +250,7 @@ def _page(
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>eampc hil: {e(of.rig_name)}</title><style>{STYLE}</style></head><body>
 <h1>Closed loop of {e(of.rig_name)}: <span class="{"ok" if passed else "bad"}">
-{"every tolerance met" if passed else "a tolerance was not met"}</span></h1>
+{_headline(runs, passed)}</span></h1>
 <p class="note">Real daemon, real bus, emulated rig. RMS and largest error count from the scenario's
 <code>rms_from_s</code>; the final error is the mean over the last 0.2 s. d̂ holds all that the
 linear model does not know: the real disturbance and the model's own error.</p>
@@ -255,6 +260,12 @@ linear model does not know: the real disturbance and the model's own error.</p>
 <p class="note">All numbers: <a href="summary.json">summary.json</a>.</p>
 </body></html>
 """
+
+
+def _headline(runs: Sequence[ScenarioRun], passed: bool) -> str:
+    if any(run.verdicts for run in runs):
+        return "every fault answered" if passed else "a fault was not answered as it should be"
+    return "every tolerance met" if passed else "a tolerance was not met"
 
 
 def _section(run: ScenarioRun, pictures: Sequence[Path], folder: Path) -> str:
@@ -287,7 +298,7 @@ def _section(run: ScenarioRun, pictures: Sequence[Path], folder: Path) -> str:
             ("plant_emulator.log", "emulator's output"),
         )
     )
-    return f"""<h2>{e(run.name)}</h2>{images}
+    return f"""<h2>{e(run.name)}</h2>{fault_section(run)}{images}
 <ul>{demands}</ul>
 <p class="note">Daemon's peak memory {memory}; answer p50 / p99 / max {latency} µs;
 it took longer than a period in {figures.deadline_overruns} cycles; limits acted in

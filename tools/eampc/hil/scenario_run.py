@@ -11,14 +11,23 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from eampc_rig import Rig
+from eampc_rig.fault_catalogue import TimedFault
 
 from eampc.errors import RunFailed
 from eampc.hil.assessment import Assessment, assess
+from eampc.hil.fault_assessment import (
+    FaultVerdict,
+    WireFigures,
+    fault_demands,
+    judge_fault,
+    judge_wire,
+)
+from eampc.hil.fault_plan import PlannedFault, plan_faults
 from eampc.hil.processes import (
     Ensemble,
     Process,
@@ -26,7 +35,13 @@ from eampc.hil.processes import (
     emulator_command,
     raise_priority,
 )
-from eampc.hil.recording import RECORD_COLUMNS, TRUTH_COLUMNS, Recording, read_recording
+from eampc.hil.recording import (
+    COMMAND_COLUMNS,
+    RECORD_COLUMNS,
+    TRUTH_COLUMNS,
+    Recording,
+    read_recording,
+)
 from eampc.hil.scenario_reference import reference_angle, send_reference
 from eampc.operator_client import OperatorClient
 
@@ -58,12 +73,13 @@ class RunSettings:
     lockstep: bool
     law: Path
     lcm_url: str
+    faults: tuple[TimedFault, ...] = ()
 
 
 @dataclass(frozen=True)
 class ScenarioRun:
     """What one scenario gave. truth and record as in recording.py, reference_rad at the truth's
-    rows.
+    rows; faults, and of the wire only where faults were asked for.
     """
 
     name: str
@@ -75,6 +91,9 @@ class ScenarioRun:
     status: dict[str, Any]
     daemon_memory_MB: float | None
     seconds: float
+    faults: tuple[str, ...] = ()
+    verdicts: tuple[FaultVerdict, ...] = ()
+    wire: WireFigures | None = None
 
 
 @dataclass(frozen=True)
@@ -106,9 +125,11 @@ def run_scenario(
     """Runs the scenario and judges it; `folder` gets the logs. progress: told the fraction done."""
     folder.mkdir(parents=True, exist_ok=True)
     truth_path, record_path = folder / "truth.csv", folder / "record.csv"
-    for path in (truth_path, record_path):
+    commands_path = folder / "commands.csv"
+    for path in (truth_path, record_path, commands_path):
         path.unlink(missing_ok=True)
     times = timetable(rig, scenario_name)
+    planned = plan_faults(settings.faults, rig, times.active, settings.lockstep)
     began = time.monotonic()
     # sun_path holds 107 bytes: the socket cannot live in a report folder of any depth.
     socket_folder = Path(tempfile.mkdtemp(prefix="eampc-"))
@@ -124,7 +145,10 @@ def run_scenario(
                 emulator = ensemble.start(
                     Process(
                         "plant_emulator",
-                        _emulator_command(settings, scenario_name, times, truth_path),
+                        [
+                            *_emulator_command(settings, scenario_name, times, truth_path),
+                            *_fault_arguments(planned, rig, commands_path, daemon.pid),
+                        ],
                         folder / "plant_emulator.log",
                     )
                 )
@@ -145,16 +169,30 @@ def run_scenario(
     if len(record) == 0 or len(truth) == 0:
         raise RunFailed(f"{folder}: the daemon recorded no cycle of the run")
     reference_rad = reference_angle(rig, scenario_name, truth["scenario_time_s"])
+    assessment = assess(rig, scenario_name, reference_rad, truth, record, settings.lockstep)
+    verdicts, wire = (), None
+    if planned:
+        commands = read_recording(commands_path, COMMAND_COLUMNS)
+        verdicts = tuple(
+            judge_fault(rig, fault, record, commands, settings.lockstep) for fault in planned
+        )
+        wire = judge_wire(rig, commands, [times.arm])
+        demands = fault_demands(verdicts, wire, settings.lockstep)
+        passed = all(demand.met for demand in demands)
+        assessment = replace(assessment, demands=demands, passed=passed)
     return ScenarioRun(
         name=scenario_name,
         folder=folder,
-        assessment=assess(rig, scenario_name, reference_rad, truth, record, settings.lockstep),
+        assessment=assessment,
         truth=truth,
         record=record,
         reference_rad=reference_rad,
         status=status,
         daemon_memory_MB=memory,
         seconds=time.monotonic() - began,
+        faults=tuple(fault.described(rig.control.period_s, times.active) for fault in planned),
+        verdicts=verdicts,
+        wire=wire,
     )
 
 
@@ -177,6 +215,19 @@ def _emulator_command(
     command += ["--lead-frames", str(times.active), "--lcm-url", settings.lcm_url]
     command += ["--log", str(truth)]
     return [*command, "--lockstep"] if settings.lockstep else command
+
+
+def _fault_arguments(
+    planned: list[PlannedFault], rig: Rig, commands: Path, daemon_pid: int
+) -> list[str]:
+    if not planned:
+        return []
+    arguments = ["--command-log", str(commands), "--daemon-pid", str(daemon_pid)]
+    # The law's own rig: changes to the emulated one only are no other rig.
+    arguments += ["--inputs-crc32", str(rig.inputs_crc32)]
+    for fault in planned:
+        arguments += ["--fault", fault.emulator_argument]
+    return arguments
 
 
 def _limit_s(rig: Rig, settings: RunSettings, times: Timetable) -> float:
