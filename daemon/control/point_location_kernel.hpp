@@ -13,13 +13,32 @@ namespace {
 constexpr std::size_t kMatchesAtOnce = 64;
 constexpr std::size_t kRowBytes = kLanes * sizeof(double);
 
-// p in every lane.
+// p in every lane, as given: with `turn` (−0 in every lane, else 0) −p is meant. A sum of products
+// with −p is the negative of the sum with p to the bit, so hyperplanes need not wait for the fold.
 template <std::size_t Np>
 struct Point {
   Part p[Np];
+  Part turn;
 
-  explicit Point(const double* from) noexcept {
+  // Empty `fold`: as given. What was just stored must not be read back here as a whole: that would
+  // wait for the stores, so the fold is computed in every lane.
+  Point(const double* from, std::span<const double> fold) noexcept : turn(every_lane(0.0)) {
     for (std::size_t j = 0; j < Np; ++j) p[j] = every_lane(from[j]);
+    if (fold.size() == 0) return;
+    Part terms[Np];
+    for (std::size_t j = 0; j < Np; ++j) terms[j] = every_lane(fold.data()[j]) * p[j];
+    turn = signs_below_zero(pairwise<Np>(terms));
+  }
+
+  // −1 where −p is meant, else 1.
+  double sign() const noexcept { return first_lane(signs_changed(every_lane(1.0), turn)); }
+
+  // −p itself, where that is meant.
+  Point turned() const noexcept {
+    Point point = *this;
+    for (std::size_t j = 0; j < Np; ++j) point.p[j] = signs_changed(p[j], turn);
+    point.turn = every_lane(0.0);
+    return point;
   }
 
   // Bits of the eight hyperplanes (np normals, then offsets) that p is above of.
@@ -29,12 +48,13 @@ struct Point {
       const double* at = planes + part * kWidth;
       Part terms[Np];
       for (std::size_t j = 0; j < Np; ++j) terms[j] = load_part(at + j * kLanes) * p[j];
-      bits |= above_bits(pairwise<Np>(terms), load_part(at + Np * kLanes)) << (part * kWidth);
+      const Part product = signs_changed(pairwise<Np>(terms), turn);
+      bits |= above_bits(product, load_part(at + Np * kLanes)) << (part * kWidth);
     }
     return bits;
   }
 
-  // Eight pieces (offsets, then np gains).
+  // Eight pieces (offsets, then np gains), of a point that is turned already.
   Lanes pieces(const double* row) const noexcept {
     Lanes values;
     for (std::size_t part = 0; part < kParts; ++part) {
@@ -122,34 +142,34 @@ inline LawValue simple_leaf(const PackedLaw& law, const Point<Np>& point, std::u
 }
 
 template <std::size_t Np, bool kGeneral>
-inline LawValue leaf_value(const PackedLaw& law, const double* p, const Point<Np>& point,
-                           std::uint32_t code, double sign) noexcept {
+inline LawValue leaf_value(const PackedLaw& law, const Point<Np>& point,
+                           std::uint32_t code) noexcept {
+  const Point<Np> turned = point.turned();
   if constexpr (kGeneral) {
     if (LeafCode::groups(code) == 0) {
-      return lattice_leaf<Np>(law, p, LeafCode::first_row(code), sign);
+      return lattice_leaf<Np>(law, turned.p, LeafCode::first_row(code), point.sign());
     }
   }
-  return simple_leaf<Np>(law, point, code, sign);
+  return simple_leaf<Np>(law, turned, code, point.sign());
 }
 
 template <std::size_t Np, bool kGeneral>
-inline LawValue tree_value(const PackedLaw& law, const double* p, const Point<Np>& point,
-                           double sign) noexcept {
+inline LawValue tree_value(const PackedLaw& law, const Point<Np>& point) noexcept {
   const std::byte* nodes = law.nodes.data();
   std::int32_t at = law.root;
   for (int level = 0; at >= 0 && level < law.depth; ++level) {
     const double* node = reinterpret_cast<const double*>(nodes + at);
-    const unsigned path = kPaths.of[point.above(node)];
     const std::byte* children = nodes + at + (Np + 1) * kRowBytes;
+    __builtin_prefetch(children);  // wanted as soon as the hyperplanes are compared
+    const unsigned path = kPaths.of[point.above(node)];
     __builtin_memcpy(&at, children + path * sizeof(at), sizeof(at));
   }
   if (at >= 0) return kNone;
-  return leaf_value<Np, kGeneral>(law, p, point, static_cast<std::uint32_t>(~at), sign);
+  return leaf_value<Np, kGeneral>(law, point, static_cast<std::uint32_t>(~at));
 }
 
 template <std::size_t Np, bool kGeneral>
-inline LawValue flat_value(const PackedLaw& law, const double* p, const Point<Np>& point,
-                           double sign) noexcept {
+inline LawValue flat_value(const PackedLaw& law, const Point<Np>& point) noexcept {
   constexpr std::size_t kPlanes = (Np + 1) * kLanes;
   const double* planes = law.planes.data();
   const std::size_t n_planes = law.planes.size();
@@ -170,27 +190,18 @@ inline LawValue flat_value(const PackedLaw& law, const double* p, const Point<Np
     }
     if (found == 0) continue;
     const std::size_t leaf = first + static_cast<std::size_t>(__builtin_ctzll(found));
-    return leaf_value<Np, kGeneral>(law, p, point, law.flat_leaves.data()[leaf], sign);
+    return leaf_value<Np, kGeneral>(law, point, law.flat_leaves.data()[leaf]);
   }
   return kNone;
 }
 
 template <std::size_t Np, bool kFlat, bool kGeneral>
 LawValue law_value(const PackedLaw& law, const double* p) noexcept EAMPC_NONBLOCKING {
-  double sign = 1.0;
-  double turned[Np];
-  if (law.fold.size() != 0) {
-    double terms[Np];
-    for (std::size_t j = 0; j < Np; ++j) terms[j] = law.fold.data()[j] * p[j];
-    sign = pairwise<Np>(terms) < 0.0 ? -1.0 : 1.0;
-    for (std::size_t j = 0; j < Np; ++j) turned[j] = sign * p[j];
-    p = turned;
-  }
-  const Point<Np> point(p);
+  const Point<Np> point(p, law.fold);
   if constexpr (kFlat) {
-    return flat_value<Np, kGeneral>(law, p, point, sign);
+    return flat_value<Np, kGeneral>(law, point);
   } else {
-    return tree_value<Np, kGeneral>(law, p, point, sign);
+    return tree_value<Np, kGeneral>(law, point);
   }
 }
 

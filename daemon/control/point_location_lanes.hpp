@@ -48,6 +48,40 @@ inline Lanes eight_lanes(double value) noexcept {
   return lanes;
 }
 
+inline double first_lane(Part part) noexcept {
+#if EAMPC_LANE_WIDTH == 1
+  return part;
+#else
+  return part[0];
+#endif
+}
+
+// −0 in the lanes below 0, else 0: without a branch, which of them is hard to foresee.
+inline Part signs_below_zero(Part part) noexcept {
+#if EAMPC_LANE_WIDTH == 1
+  const std::uint64_t bits = static_cast<std::uint64_t>(part < 0.0) << 63;
+  __builtin_memcpy(&part, &bits, sizeof(part));
+  return part;
+#else
+  return part < Part{} ? every_lane(-0.0) : Part{};
+#endif
+}
+
+// −part where `change` is −0, part where it is 0.
+inline Part signs_changed(Part part, Part change) noexcept {
+#if EAMPC_LANE_WIDTH == 1
+  std::uint64_t bits, signs;
+  __builtin_memcpy(&bits, &part, sizeof(bits));
+  __builtin_memcpy(&signs, &change, sizeof(signs));
+  bits ^= signs;
+  __builtin_memcpy(&part, &bits, sizeof(bits));
+  return part;
+#else
+  return reinterpret_cast<Part>(reinterpret_cast<PartBits>(part) ^
+                                reinterpret_cast<PartBits>(change));
+#endif
+}
+
 // Bits of the lanes in which !(a ≤ b): NaN counts as above.
 inline unsigned above_bits(Part a, Part b) noexcept {
 #if EAMPC_LANE_WIDTH == 8

@@ -16,8 +16,10 @@ struct PieceFactors {
   Part line[kParts];
   double last;  // np = 8: of the gain in a piece's second line
 
-  explicit PieceFactors(const double* p) noexcept : last(p[Np - 1]) {
-    const auto factor = [p](std::size_t i) { return i == 0 || i > Np ? 1.0 : p[i - 1]; };
+  explicit PieceFactors(const Part* p) noexcept : last(first_lane(p[Np - 1])) {
+    const auto factor = [p](std::size_t i) {
+      return i == 0 || i > Np ? 1.0 : first_lane(p[i - 1]);
+    };
 #if EAMPC_LANE_WIDTH == 8
     line[0] = _mm512_set_pd(factor(7), factor(6), factor(5), factor(4), factor(3), factor(2),
                             factor(1), factor(0));
@@ -29,9 +31,9 @@ struct PieceFactors {
 #else
   double of[Np + 1];
 
-  explicit PieceFactors(const double* p) noexcept {
+  explicit PieceFactors(const Part* p) noexcept {
     of[0] = 1.0;
-    for (std::size_t j = 0; j < Np; ++j) of[j + 1] = p[j];
+    for (std::size_t j = 0; j < Np; ++j) of[j + 1] = first_lane(p[j]);
   }
 #endif
 };
@@ -210,7 +212,7 @@ inline std::int32_t piece_with(double u, const double* values, const std::uint32
 }
 
 template <std::size_t Np>
-inline LawValue lattice_leaf(const PackedLaw& law, const double* p, std::uint32_t place,
+inline LawValue lattice_leaf(const PackedLaw& law, const Part* p, std::uint32_t place,
                              double sign) noexcept {
   const std::byte* at = law.leaves.data() + std::size_t{place} * PackedLeaf::kBytes;
   PackedLeaf leaf;

@@ -34,9 +34,11 @@ class Stopwatch {
 
   std::size_t rows(std::span<const double> points) const { return points.size() / n_; }
 
+  // Clipped as min of max, which needs no branch: whether u is saturated is hard to foresee.
   double value(const double* p) const {
     const double u = control::evaluate(law_, p).u;
-    return u < plan_.u_min ? plan_.u_min : u > plan_.u_max ? plan_.u_max : u;
+    const double below = u > plan_.u_max ? plan_.u_max : u;
+    return below < plan_.u_min ? plan_.u_min : below;
   }
 
   double sweep_ns(std::span<const double> points) const {
