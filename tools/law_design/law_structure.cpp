@@ -3,13 +3,17 @@
 #include <algorithm>
 #include <chrono>
 #include <cstddef>
+#include <limits>
 #include <map>
+#include <optional>
+#include <set>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include "law_design/cell_tree.hpp"
 #include "law_design/law_partition.hpp"
+#include "law_design/law_symmetry.hpp"
 #include "law_design/node_grouping.hpp"
 
 namespace eampc::law_design {
@@ -23,12 +27,21 @@ constexpr int kMostPieces = 64;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
+// The parameters that an evaluator is built over: all, or those above a fold.
+struct Ground {
+  LawPartition partition;
+  std::optional<Hyperplane> fold;
+};
+
 // Pieces, hyperplanes and leaves; how they hang together comes after.
-LawTables tables_of(const CellTree& tree, const LawPartition& partition) {
+LawTables tables_of(const CellTree& tree, const Ground& ground) {
+  const LawPartition& partition = ground.partition;
   LawTables tables;
   const Eigen::Index np = partition.parameters;
   tables.n_parameters = partition.parameters;
-  tables.fold.assign(static_cast<std::size_t>(np), 0.0);
+  const Eigen::VectorXd fold =
+      ground.fold ? fold_in_problem_units(*ground.fold, partition) : Eigen::VectorXd::Zero(np);
+  tables.fold.assign(fold.data(), fold.data() + np);
   for (const Hyperplane& plane : tree.planes) {
     const Eigen::VectorXd row = in_problem_units(plane, partition);
     tables.hyperplanes.insert(tables.hyperplanes.end(), row.data(), row.data() + row.size());
@@ -103,48 +116,90 @@ LawTables as_flat(const LawTables& all, const CellTree& tree) {
   return flat;
 }
 
-// Time of the longest evaluation, in cycles of a current processor with warm caches: a node waits
-// for the one before it, rows follow each other closely. Measured with `eampc bench law`.
-constexpr int kNodeCycles = 40, kRowCycles = 12, kPlaneRowCycles = 10;
+// Time of the longest evaluation, in cycles of a current processor. Fitted to the slowest points of
+// the published problems and the reference rig (`eampc bench law`, AVX-512): a node waits for the
+// one before it, longer if it is not in the nearest cache; how many nodes come is guessed wrongly
+// at times; hyperplanes and leaves of a flat evaluator follow each other closely; a leaf's pieces
+// are gathered one by one if its terms have several.
+constexpr int kFoldCycles = 10, kNodeCycles = 40, kFarNodeCycles = 55, kTreeCycles = 25;
+constexpr int kFlatCycles = 40, kPlaneRowCycles = 6, kMatchRowCycles = 4;
+constexpr int kRowsCycles = 35, kRowCycles = 6;
+constexpr int kLatticeCycles = 75, kPieceRowCycles = 22, kIndexRowCycles = 2;
+constexpr std::size_t kNearBytes = 48 << 10;
 
-int worst_cycles(const CellTree& tree, const LawTables& tables) {
-  const auto leaf = [&](std::size_t k) { return kRowCycles * lattice_rows(tree.leaves[k]); };
-  if (tables.flat) {
-    int most = 0;
-    for (std::size_t k = 0; k < tree.leaves.size(); ++k) most = std::max(most, leaf(k));
-    const auto rows = [](std::size_t count) { return static_cast<int>((count + 7) / 8); };
-    return most + kPlaneRowCycles * rows(tables.n_planes()) + 2 * rows(tables.n_leaves());
+int rows_of(std::size_t count) { return static_cast<int>((count + 7) / 8); }
+
+int leaf_cycles(const LatticeLeaf& leaf) {
+  const auto one_piece = [](const std::vector<int>& term) { return term.size() == 1; };
+  if (leaf.terms.size() == 1 || std::all_of(leaf.terms.begin(), leaf.terms.end(), one_piece)) {
+    return kRowsCycles + kRowCycles * lattice_rows(leaf);
   }
+  std::set<int> pieces;
+  for (const std::vector<int>& term : leaf.terms) pieces.insert(term.begin(), term.end());
+  return kLatticeCycles + kPieceRowCycles * rows_of(pieces.size()) +
+         kIndexRowCycles * lattice_rows(leaf);
+}
+
+int worst_cycles(const CellTree& tree, const LawTables& tables, bool folded) {
+  const int fold = folded ? kFoldCycles : 0;
+  if (tables.flat || tables.root < 0) {
+    int most = 0;
+    for (const LatticeLeaf& leaf : tree.leaves) most = std::max(most, leaf_cycles(leaf));
+    if (!tables.flat) return fold + most;
+    return fold + kFlatCycles + kPlaneRowCycles * rows_of(tables.n_planes()) +
+           kMatchRowCycles * rows_of(tables.n_leaves()) + most;
+  }
+  const std::size_t numbers = 8 * (static_cast<std::size_t>(tables.n_parameters) + 2);
+  const bool near = sizeof(double) * numbers * tables.n_nodes() <= kNearBytes;
+  const int node = near ? kNodeCycles : kFarNodeCycles;
   std::vector<int> known(tables.n_nodes(), -1);
   const auto walk = [&](auto&& self, std::int32_t code) -> int {
-    if (code < 0) return leaf(static_cast<std::size_t>(~code));
+    if (code < 0) return leaf_cycles(tree.leaves[static_cast<std::size_t>(~code)]);
     int& worst = known[static_cast<std::size_t>(code)];
     if (worst < 0) {
       for (std::size_t k = 0; k < service::kChildrenPerNode; ++k) {
         const std::size_t at = static_cast<std::size_t>(code) * service::kChildrenPerNode + k;
-        worst = std::max(worst, kNodeCycles + self(self, tables.node_children[at]));
+        worst = std::max(worst, node + self(self, tables.node_children[at]));
       }
     }
     return worst;
   };
-  return walk(walk, tables.root);
+  return fold + kTreeCycles + walk(walk, tables.root);
 }
 
-// Leaves of few rows are quick but many: only for laws small enough to be held in the nearest
-// caches all the same.
-constexpr int kSmallLaw = 600;
+int unsaturated_laws(const LawPartition& partition) {
+  std::set<int> laws;
+  for (const LawRegion& region : partition.regions) {
+    if (!partition.is_bound(region.law)) laws.insert(region.law);
+  }
+  return static_cast<int>(laws.size());
+}
+
+// Small leaves are quick but many: they pay while the law stays in the near caches.
+constexpr int kSmallLaw = 300, kLargeLaw = 2000;
 
 std::vector<LatticeLimits> limits_for(const LawPartition& partition) {
-  const int laws = static_cast<int>(partition.laws.size()) - 2;
+  const int laws = unsaturated_laws(partition);
   std::vector<LatticeLimits> limits;
   if (laws <= kSmallLaw) {
-    limits.push_back({16, 3});
-    limits.push_back({24, 8});
+    limits = {{8, 1}, {16, 3}, {24, 8}};
   } else {
-    limits.push_back({32, 12});
+    limits = {laws <= kLargeLaw ? LatticeLimits{24, 8} : LatticeLimits{32, 12}};
   }
   if (laws <= kMostPieces) limits.push_back({kMostPieces, kMostPieces});
   return limits;
+}
+
+// Half of the parameters if the law is odd: half the tables, at the cost of the fold. A law so
+// small that this may not pay is tried both ways.
+std::vector<Ground> grounds_of(LawPartition partition) {
+  std::vector<Ground> grounds;
+  if (const auto fold = odd_symmetry(partition)) {
+    grounds.push_back({half_above(partition, *fold), fold});
+    if (unsaturated_laws(partition) > kSmallLaw) return grounds;
+  }
+  grounds.push_back({std::move(partition), std::nullopt});
+  return grounds;
 }
 
 }  // namespace
@@ -156,29 +211,31 @@ LawStructure build_law_structure(const MpQpSolution& solution, const OutputLaw& 
     throw std::invalid_argument(
         "law structure: regions with a saturated output are missing; solve without `output`");
   }
-  const LawPartition partition = partition_by_law(solution, output);
+  LawPartition partition = partition_by_law(solution, output);
   LawStructure result;
   result.regions = static_cast<int>(partition.regions.size());
   result.unsaturated_regions = partition.unsaturated_regions;
   result.distinct_laws = static_cast<int>(partition.laws.size()) - 2;
-  int least = 0;
-  for (const LatticeLimits& limits : limits_for(partition)) {
-    CellTreeOptions cells;
-    cells.limits = limits;
-    cells.threads = options.threads;
-    cells.progress = options.progress;
-    const CellTree tree = build_cell_tree(partition, cells);
-    result.lps += tree.lps;
-    const LawTables parts = tables_of(tree, partition);
-    for (const bool flat : {false, true}) {
-      if (flat && (tree.nodes.empty() || tree.planes.size() > kFlatPlanes)) continue;
-      LawTables tables = flat ? as_flat(parts, tree) : as_tree(parts, tree);
-      const int cycles = worst_cycles(tree, tables);
-      if (result.tables.n_parameters > 0 && cycles >= least) continue;
-      least = cycles;
-      result.tables = std::move(tables);
-      result.binary_nodes = static_cast<int>(tree.nodes.size());
-      result.binary_depth = tree.depth;
+  int least = std::numeric_limits<int>::max();
+  for (const Ground& ground : grounds_of(std::move(partition))) {
+    for (const LatticeLimits& limits : limits_for(ground.partition)) {
+      CellTreeOptions cells;
+      cells.limits = limits;
+      cells.threads = options.threads;
+      cells.progress = options.progress;
+      const CellTree tree = build_cell_tree(ground.partition, cells);
+      result.lps += tree.lps;
+      const LawTables parts = tables_of(tree, ground);
+      for (const bool flat : {false, true}) {
+        if (flat && (tree.nodes.empty() || tree.planes.size() > kFlatPlanes)) continue;
+        LawTables tables = flat ? as_flat(parts, tree) : as_tree(parts, tree);
+        const int cycles = worst_cycles(tree, tables, ground.fold.has_value());
+        if (cycles >= least) continue;
+        least = cycles;
+        result.tables = std::move(tables);
+        result.binary_nodes = static_cast<int>(tree.nodes.size());
+        result.binary_depth = tree.depth;
+      }
     }
   }
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -2,7 +2,8 @@
 //   the global lattice  one leaf, if the whole law is one of few pieces
 //   flat                all hyperplanes at once, if they are 64 or fewer
 //   tree                nodes of seven hyperplanes
-// each over leaves proved to hold the law of their cell (lattice_leaf.hpp).
+// each over leaves proved to hold the law of their cell (lattice_leaf.hpp), and over half of the
+// parameters if the law is odd (law_symmetry.hpp).
 #pragma once
 
 #include <functional>
