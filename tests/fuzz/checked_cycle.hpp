@@ -29,6 +29,7 @@ class CheckedCycle {
     return output;
   }
 
+  void observe(const control::Frame& frame) noexcept { cycle_.observe(frame); }
   control::Mode mode() const noexcept { return mode_; }
 
  private:

@@ -3,9 +3,11 @@
 // a few bytes and can still damage every bit of a frame.
 #pragma once
 
+#include <array>
 #include <cmath>
 
 #include "control/encoder_codec.hpp"
+#include "control/frame_codec.hpp"
 #include "fuzz/checked_cycle.hpp"
 
 namespace eampc::fuzz {
@@ -37,6 +39,7 @@ class CycleScript {
     kBusReport,
     kSilences,
     kDamagedFrame,
+    kMonitoredMessage,
     kOpcodes
   };
 
@@ -84,8 +87,10 @@ class CycleScript {
       case kReferenceOfTable:
         return reference_of_table();
       case kBusReport:
-        report_bus(input_, bytes_.take<std::uint8_t>());
+        report_bus(bytes_.take<std::uint8_t>());
         return good_frame(0);
+      case kMonitoredMessage:
+        return monitored_message(bytes_.take<std::uint8_t>());
       case kOpcodes:
         return;
     }
@@ -93,23 +98,58 @@ class CycleScript {
 
   int run_length() noexcept { return 1 + bytes_.take<std::uint8_t>() % kLongestRun; }
 
-  // Whatever the loop may report; the fields' names are the bus's, their values any.
-  static void report_bus(auto& input, std::uint8_t bits) noexcept {
-    if constexpr (requires { input.bus; }) {
-      input.bus.link_down = (bits & 1) != 0;
-      input.bus.bus_off = (bits & 2) != 0;
-      input.bus.error_passive = (bits & 4) != 0;
-      input.bus.not_acknowledged = (bits & 8) != 0;
-      input.bus.send_refused = (bits & 16) != 0;
-      input.bus.queue_proved_empty = (bits & 32) == 0;
-      input.bus.unconfirmed_periods = bits >> 6;
-      input.bus.deadline_overruns = bits == 0xff ? 1000 : 0;
-    } else {
-      input.send_failed = (bits & 16) != 0;
-    }
+  static control::CycleInput on_a_healthy_bus() noexcept {
+    control::CycleInput input;
+    input.bus.queue_proved_empty = true;
+    return input;
+  }
+  // Whatever the loop may report.
+  void report_bus(std::uint8_t bits) noexcept {
+    control::BusHealth& bus = input_.bus;
+    bus.link_down = (bits & 1) != 0;
+    bus.bus_off = (bits & 2) != 0;
+    bus.error_passive = (bits & 4) != 0;
+    bus.not_acknowledged = (bits & 8) != 0;
+    bus.send_refused = (bits & 16) != 0;
+    bus.queue_proved_empty = (bits & 32) == 0;
+    bus.unconfirmed_periods = bits >> 6;
+    bus.deadline_overruns = bits == 0xff ? 1000 : 0;
+  }
+
+  // Any bytes in any of the messages that the rig monitors, before the next cycle.
+  void monitored_message(std::uint8_t choice) noexcept {
+    const std::array<const control::MonitoredLayout*, 5> layouts{
+        &config_.valve_feedback, &config_.heartbeat, &config_.emergency, &config_.e_stop,
+        &config_.identity};
+    const control::MonitoredLayout& layout = *layouts[choice % layouts.size()];
+    control::Frame frame;
+    frame.id = layout.id;
+    frame.extended = layout.extended;
+    frame.length = std::min<std::uint8_t>(choice >> 4, 8);
+    for (std::uint8_t& byte : frame.data) byte = bytes_.take<std::uint8_t>();
+    cycle_.observe(frame);
+    e_stop_pressed_ |=
+        layout.present && &layout == &config_.e_stop &&
+        (frame.length != layout.length ||
+         control::extract_bits(frame.data, config_.e_stop.stop) != config_.e_stop.released_raw);
+  }
+  // What healthy nodes send beside the encoder.
+  void observe_healthy_nodes() noexcept {
+    if (!config_.heartbeat.present) return;
+    control::Frame frame;
+    frame.id = config_.heartbeat.id;
+    frame.length = static_cast<std::uint8_t>(config_.heartbeat.length);
+    control::insert_bits(frame.data, config_.heartbeat.state, 5);
+    cycle_.observe(frame);
+    frame = {};
+    frame.id = config_.valve_feedback.id;
+    frame.length = static_cast<std::uint8_t>(config_.valve_feedback.length);
+    control::encode_signal(frame.data, config_.valve_feedback.supply_pressure, 600.0);
+    cycle_.observe(frame);
   }
 
   void good_frame(std::int8_t step_raw) noexcept {
+    observe_healthy_nodes();
     const double velocity_rad_s = 0.02 * step_raw;
     angle_rad_ += config_.model.period_s * velocity_rad_s;
     ++counter_;
@@ -154,15 +194,19 @@ class CycleScript {
 
   void step(const control::Frame* frame) noexcept {
     input_.encoder_frame = frame;
-    cycle_.step(input_);
-    input_ = {};
+    const control::Mode mode = cycle_.step(input_).record.mode;
+    require(!e_stop_pressed_ || (mode != control::Mode::kArming && mode != control::Mode::kActive),
+            "nothing moves up in the cycle that sees the stop button");
+    e_stop_pressed_ = false;
+    input_ = on_a_healthy_bus();
     ++cycles_;
   }
 
   const control::ControllerConfig& config_;
   ByteReader bytes_;
   CheckedCycle cycle_;
-  control::CycleInput input_;
+  control::CycleInput input_ = on_a_healthy_bus();
+  bool e_stop_pressed_ = false;
   control::Frame frame_;
   control::ReferenceTrajectory reference_;
   std::array<control::Reference, 3> table_{};

@@ -42,7 +42,8 @@ std::vector<std::uint8_t> wrapped(std::span<const std::uint8_t> payload) {
   text("format");
   text("eampc-law");
   text("version");
-  file.push_back(3);
+  static const std::uint8_t version = present_version();
+  file.push_back(version);
   text("crc32");
   big_endian(0xce, checksum);
   text("payload");

@@ -68,6 +68,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         eampc::control::encode_encoder_frame(config.encoder, 0.1, 0.0, 0, 0);
     eampc::control::CycleInput input;
     input.encoder_frame = &frame;
+    input.bus.queue_proved_empty = true;
     input.action = eampc::control::OperatorAction::kArm;
     if (followed) {
       check(*followed, angle_max_rad);

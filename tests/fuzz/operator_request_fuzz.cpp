@@ -19,6 +19,7 @@ void follow(const eampc::control::ReferenceTrajectory& reference) {
         eampc::control::encode_encoder_frame(config.encoder, 0.1, 0.0, 0, 0);
     eampc::control::CycleInput input;
     input.encoder_frame = &frame;
+    input.bus.queue_proved_empty = true;
     if (i == 2) input.action = eampc::control::OperatorAction::kArm;
     if (i == 3) input.new_reference = &reference;
     const auto record = cycle.step(input).record;
