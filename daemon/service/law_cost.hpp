@@ -9,9 +9,10 @@
 //               each piece of each term, eight terms side by side. Or, if that is more, a piece as
 //               above for each piece of each term: generated C goes through them one by one
 //   node        8 hyperplanes + 1 for the way out; flat: all hyperplanes + 2 per leaf tried
-//   fold        3 np + 1    np products, np − 1 sums, one comparison, np signs, one sign of u
+//   fold        3 np + 1    np products, np − 1 sums, one comparison, np signs, one sign of u; the
+//                           sign of a hyperplane's sum, which follows it, is not counted
 // In instructions, on the scalar path of x86-64: two per operation and 150 for the call. Measured
-// by tests/python/test_instruction_count.py: 0.7 to 1.4 times that; on the AVX2 path 0.2 to 0.3
+// by tests/python/test_instruction_count.py: 0.6 to 1.2 times that; on the AVX2 path 0.3 to 0.6
 // times.
 #pragma once
 
