@@ -17,6 +17,7 @@
 #include "realtime/can_link.hpp"
 #include "realtime/control_loop.hpp"
 #include "service/bus_keeper.hpp"
+#include "service/flight_recorder.hpp"
 #include "service/law_file.hpp"
 #include "service/operator_desk.hpp"
 #include "service/operator_socket.hpp"
@@ -149,6 +150,25 @@ void restart_interface(const realtime::BusAddress& address) {
   }
 }
 
+// The default folder is a convenience: where it cannot be made there are no flight records.
+std::unique_ptr<FlightRecorder> open_flight_recorder(const Options& options, const LawFile& law) {
+  const bool chosen = !options.flight_folder.empty();
+  const std::string folder = chosen ? options.flight_folder : default_flight_folder();
+  if (folder.empty() || folder == "none") return nullptr;
+  try {
+    return std::make_unique<FlightRecorder>(
+        FlightSettings{.folder = folder,
+                       .rig_name = law.meta().rig_name,
+                       .law_sha256 = law.meta().inputs_sha256,
+                       .bus_url = options.bus_url,
+                       .period_s = law.config().model.period_s});
+  } catch (const BadInput& error) {
+    if (chosen) throw;
+    spdlog::warn("no flight records: {}", error.what());
+    return nullptr;
+  }
+}
+
 void tell_ready(int fd) {
   if (fd < 0) return;
   constexpr std::string_view kReady = "ready\n";
@@ -249,8 +269,10 @@ int run_daemon(const Options& options) {
   }
   std::optional<Recorder> recorder;
   if (!options.record_file.empty()) recorder.emplace(options.record_file);
+  const std::unique_ptr<FlightRecorder> flight = open_flight_recorder(options, law);
+  desk.set_flight_recorder(flight.get());
   RecordPump pump(*loop, desk, telemetry ? &*telemetry : nullptr, recorder ? &*recorder : nullptr,
-                  external ? &*external : nullptr);
+                  external ? &*external : nullptr, flight.get());
   OperatorSocket socket(options.socket_path, desk, options.socket_for_group ? 0660 : 0600);
   std::function<std::string()> restart;
   if (options.restart_interface) {

@@ -5,6 +5,8 @@
 #include <thread>
 #include <utility>
 
+#include "service/record_texts.hpp"
+
 namespace eampc::service {
 namespace {
 
@@ -52,6 +54,8 @@ const char* name_of(Command command) {
       return "reference";
     case Command::kStatus:
       return "status";
+    case Command::kFlight:
+      return "flight";
   }
   return "command";
 }
@@ -71,6 +75,8 @@ OperatorReply OperatorDesk::status(bool ok, std::string message) const {
   reply.ok = ok;
   reply.message = std::move(message);
   reply.newest = loop_.newest();
+  reply.refusal = reply.newest.cycle.refusal;
+  reply.refusal_cause = reply.newest.cycle.refusal_cause;
   reply.counters = loop_.counters();
   reply.arrival_to_sent_p50_us = loop_.arrival_to_sent().quantile_us(0.50);
   reply.arrival_to_sent_p99_us = loop_.arrival_to_sent().quantile_us(0.99);
@@ -87,34 +93,48 @@ OperatorReply OperatorDesk::refuse(std::string reason) const {
   return status(false, std::move(reason));
 }
 
-std::string OperatorDesk::refusal(const OperatorRequest& request) const {
+OperatorDesk::Objection OperatorDesk::objection(const OperatorRequest& request) const {
+  using control::Refusal;
   const realtime::LoopRecord newest = loop_.newest();
   const bool now = request.at_cycle < 0;
   if (!now && request.at_cycle <= newest.cycle.cycle) {
-    return "cycle " + std::to_string(request.at_cycle) + " is over, the daemon is at cycle " +
-           std::to_string(newest.cycle.cycle) + "; leave at_cycle out to act now";
+    return {"cycle " + std::to_string(request.at_cycle) + " is over, the daemon is at cycle " +
+            std::to_string(newest.cycle.cycle) + "; leave at_cycle out to act now"};
   }
-  if (request.command == Command::kArm) {
-    if (!settings_.arming_allowed) return settings_.arming_refusal;
-    if (!now) return {};  // judged by the control cycle when its time comes
-    if (newest.cycle.fault != control::Fault::kNone) {
-      return std::string("the fault \"") + control::fault_text(newest.cycle.fault) +
-             "\" is latched; run `eampc reset` first";
-    }
-    if (newest.cycle.mode == control::Mode::kArming ||
-        newest.cycle.mode == control::Mode::kActive) {
-      return std::string("the joint is armed already (") + control::mode_text(newest.cycle.mode) +
-             ")";
-    }
-    if (newest.cycle.mode == control::Mode::kSoftStop) {
-      return "the joint is still coming to rest (SOFT_STOP); arm again when it is DISARMED";
-    }
-    if (loop_.counters().valid_frames == 0) {
-      return "no valid encoder frame was seen on " + settings_.bus_url + "; is the encoder on?";
-    }
-    return bus_refusal(loop_.bus_report().health, settings_.bus_url);
+  if (request.command != Command::kArm) return {};
+  if (!settings_.arming_allowed) return {settings_.arming_refusal};
+  if (!now) return {};  // judged by the control cycle when its time comes
+  if (newest.cycle.fault != control::Fault::kNone) {
+    return {std::string("the fault \"") + control::fault_text(newest.cycle.fault) +
+                "\" is latched; run `eampc reset` first",
+            Refusal::kFaultLatched, newest.cycle.fault};
+  }
+  if (newest.cycle.mode == control::Mode::kArming || newest.cycle.mode == control::Mode::kActive) {
+    return {
+        std::string("the joint is armed already (") + control::mode_text(newest.cycle.mode) + ")",
+        Refusal::kAlreadyArmed};
+  }
+  if (newest.cycle.mode == control::Mode::kSoftStop) {
+    return {"the joint is still coming to rest (SOFT_STOP); arm again when it is DISARMED",
+            Refusal::kNotAtRest};
+  }
+  if (loop_.counters().valid_frames == 0) {
+    return {"no valid encoder frame was seen on " + settings_.bus_url + "; is the encoder on?",
+            Refusal::kNoEncoderFrame};
+  }
+  if (std::string reason = bus_refusal(loop_.bus_report().health, settings_.bus_url);
+      !reason.empty()) {
+    return {std::move(reason), Refusal::kQueueNotProvedEmpty};
   }
   return {};
+}
+
+OperatorReply OperatorDesk::write_flight_record() const {
+  if (flight_ == nullptr) {
+    return status(false, "eampcd keeps no flight records; start it with --flight-folder FOLDER");
+  }
+  const FlightFile file = flight_->write_now(kFlightLimit);
+  return status(!file.path.empty(), file.path.empty() ? file.error : file.path);
 }
 
 std::uint64_t OperatorDesk::hand_over(realtime::LoopCommand command) {
@@ -140,8 +160,15 @@ bool OperatorDesk::wait_until_executed(std::uint64_t id) const {
 
 OperatorReply OperatorDesk::answer(OperatorRequest request) {
   if (request.command == Command::kStatus) return status(true, "");
-  if (std::string reason = refusal(request); !reason.empty())
-    return status(false, std::move(reason));
+  if (request.command == Command::kFlight) return write_flight_record();
+  if (Objection no = objection(request); !no.reason.empty()) {
+    OperatorReply reply = status(false, std::move(no.reason));
+    if (request.command == Command::kArm) {
+      reply.refusal = no.refusal;
+      reply.refusal_cause = no.cause;
+    }
+    return reply;
+  }
 
   realtime::LoopCommand command;
   command.at_cycle = request.at_cycle;
@@ -198,7 +225,10 @@ OperatorReply OperatorDesk::answer(OperatorRequest request) {
   }
   reply.message = name + (reply.ok ? " done, the mode is " : " was not obeyed, the mode is ") +
                   control::mode_text(mode);
-  if (reply.newest.cycle.fault != control::Fault::kNone) {
+  const bool edge = request.command == Command::kArm || request.command == Command::kReset;
+  if (edge && !reply.ok && reply.refusal != control::Refusal::kNone) {
+    reply.message += ": " + refusal_sentence(reply.refusal, reply.refusal_cause);
+  } else if (reply.newest.cycle.fault != control::Fault::kNone) {
     reply.message += std::string(", fault: ") + control::fault_text(reply.newest.cycle.fault);
   }
   return reply;

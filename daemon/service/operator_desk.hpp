@@ -7,6 +7,7 @@
 #include <string>
 
 #include "realtime/control_loop.hpp"
+#include "service/flight_recorder.hpp"
 #include "service/operator_request.hpp"
 #include "service/reference_tables.hpp"
 
@@ -36,18 +37,31 @@ class OperatorDesk {
   bool follow(const control::Reference& external);
 
   void set_realtime_text(std::string text);
+  // Before the first request; must outlive the desk.
+  void set_flight_recorder(FlightRecorder* flight) { flight_ = flight; }
 
  private:
   // Generous against a busy machine, short against a person's patience.
   static constexpr std::chrono::milliseconds kExecutionLimit{250};
 
-  std::string refusal(const OperatorRequest& request) const;  // empty: accepted
-  std::uint64_t hand_over(realtime::LoopCommand command);     // its id, or 0 if the queue is full
+  // Long enough for a slow disk, short against a client's patience.
+  static constexpr std::chrono::milliseconds kFlightLimit{2000};
+
+  struct Objection {
+    std::string reason;  // empty: none
+    control::Refusal refusal = control::Refusal::kNone;
+    control::Fault cause = control::Fault::kNone;
+  };
+
+  Objection objection(const OperatorRequest& request) const;
+  OperatorReply write_flight_record() const;
+  std::uint64_t hand_over(realtime::LoopCommand command);  // its id, or 0 if the queue is full
   bool may_schedule() const;
   bool wait_until_executed(std::uint64_t id) const;
 
   realtime::ControlLoop& loop_;
   const DeskSettings settings_;
+  FlightRecorder* flight_ = nullptr;
   mutable std::mutex mutex_;  // one producer at a time on the command queue; tables_, next_id_,
                               // scheduled_, realtime_text_
   ReferenceTables tables_;

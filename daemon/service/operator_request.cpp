@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "service/options.hpp"
+#include "service/record_texts.hpp"
 
 namespace eampc::service {
 namespace {
@@ -70,7 +71,8 @@ Command command_of(std::string_view name) {
   if (name == "reset") return Command::kReset;
   if (name == "status") return Command::kStatus;
   if (name == "reference") return Command::kReference;
-  throw BadInput("the command must be arm, disarm, reset, status or reference");
+  if (name == "flight") return Command::kFlight;
+  throw BadInput("the command must be arm, disarm, reset, status, reference or flight");
 }
 
 control::ReferenceKind kind_of(std::string_view name) {
@@ -176,13 +178,20 @@ std::vector<std::uint8_t> pack_reply(const OperatorReply& reply) {
     packer.pack(key);
     packer.pack(value);
   };
-  packer.pack_map(24);
+  packer.pack_map(31);
   entry("ok", reply.ok);
   entry("message", reply.message);
   entry("mode", control::mode_text(cycle.mode));
   entry("fault", control::fault_text(cycle.fault));
   entry("fault_number", static_cast<int>(cycle.fault));
+  entry("fault_name", control::fault_name(cycle.fault));
+  entry("present_faults", cycle.present_faults.bits());
+  entry("present_faults_text", causes_text(cycle.present_faults));
+  entry("refusal", refusal_sentence(reply.refusal, reply.refusal_cause));
+  entry("refusal_number", static_cast<int>(reply.refusal));
+  entry("refusal_cause_number", static_cast<int>(reply.refusal_cause));
   entry("limits", cycle.limits);
+  entry("limits_text", limits_text(cycle.limits));
   entry("cycle", cycle.cycle);
   entry("scenario_time_s", cycle.scenario_time_s);
   entry("angle_rad", cycle.state.x[0]);

@@ -17,7 +17,7 @@ namespace eampc::service {
 inline constexpr std::size_t kMaxTableRows = 60'000;
 inline constexpr std::size_t kMaxRequestBytes = kMaxTableRows * 24 + 1024;
 
-enum class Command : std::uint8_t { kArm, kDisarm, kReset, kStatus, kReference };
+enum class Command : std::uint8_t { kArm, kDisarm, kReset, kStatus, kReference, kFlight };
 
 struct OperatorRequest {
   Command command = Command::kStatus;
@@ -32,6 +32,8 @@ OperatorRequest parse_request(std::span<const std::uint8_t> message);
 struct OperatorReply {
   bool ok = true;
   std::string message;
+  control::Refusal refusal = control::Refusal::kNone;  // of the last arm or reset not obeyed
+  control::Fault refusal_cause = control::Fault::kNone;
   realtime::LoopRecord newest;
   realtime::LoopCounters counters;
   double arrival_to_sent_p50_us = 0.0;

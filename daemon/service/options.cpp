@@ -87,6 +87,10 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
       ->type_name("URL|none");
   app.add_option("--record", options.record_file, "Write every cycle to this CSV file")
       ->type_name("FILE");
+  app.add_option("--flight-folder", options.flight_folder,
+                 "Where a fault leaves its last cycles [$STATE_DIRECTORY, $XDG_STATE_HOME/eampc or "
+                 "~/.local/state/eampc]")
+      ->type_name("DIR|none");
   app.add_option("--log-level", options.log_level, "What goes to standard error")
       ->check(silent(CLI::IsMember({"debug", "info", "warning", "error", "off"})))
       ->type_name("debug|info|warning|error|off")

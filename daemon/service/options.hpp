@@ -27,6 +27,7 @@ struct Options {
   realtime::RealtimeSettings realtime;
   std::string lcm_url;  // empty: as the law file says; "none": no LCM
   std::string record_file;
+  std::string flight_folder;  // "none": no flight records; empty: default_flight_folder()
   std::string log_level = "info";
   int ready_fd = -1;
 };

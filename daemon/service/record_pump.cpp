@@ -13,8 +13,13 @@ std::int64_t now_us() {
 }  // namespace
 
 RecordPump::RecordPump(realtime::ControlLoop& loop, OperatorDesk& desk, Telemetry* telemetry,
-                       Recorder* recorder, ExternalReference* external)
-    : loop_(loop), desk_(desk), telemetry_(telemetry), recorder_(recorder), external_(external) {
+                       Recorder* recorder, ExternalReference* external, FlightRecorder* flight)
+    : loop_(loop),
+      desk_(desk),
+      telemetry_(telemetry),
+      recorder_(recorder),
+      external_(external),
+      flight_(flight) {
   if (telemetry_ == nullptr || external_ == nullptr) return;
   telemetry_->subscribe_reference([this](const control::Reference& sample, std::int64_t utime) {
     if (const auto reference = external_->accept(sample, utime, now_us())) desk_.follow(*reference);
@@ -35,6 +40,7 @@ void RecordPump::run() {
   auto health_due = std::chrono::steady_clock::now();
   while (!stop_.load(std::memory_order_acquire)) {
     drain();
+    if (flight_ != nullptr) log_flight(flight_->serve());
     if (external_ != nullptr) {
       if (const auto held = external_->expire(now_us())) desk_.follow(*held);
     }
@@ -50,6 +56,7 @@ void RecordPump::run() {
     }
   }
   drain();
+  if (flight_ != nullptr) log_flight(flight_->finish());
   log_counters();
   if (telemetry_ != nullptr) telemetry_->publish_health(desk_.status());
   if (recorder_ != nullptr && !recorder_->close()) spdlog::error("the record file is incomplete");
@@ -59,9 +66,15 @@ void RecordPump::drain() {
   realtime::LoopRecord record;
   while (loop_.records().pop(record)) {
     if (recorder_ != nullptr) recorder_->write(record);
+    if (flight_ != nullptr) flight_->push(record);
     if (telemetry_ != nullptr) telemetry_->publish_state(record);
     log_changes(record);
   }
+}
+
+void RecordPump::log_flight(const FlightFile& file) {
+  if (!file.path.empty()) spdlog::info("flight record {}", file.path);
+  if (!file.error.empty()) spdlog::error("{}", file.error);
 }
 
 void RecordPump::log_changes(const realtime::LoopRecord& record) {

@@ -10,6 +10,7 @@
 
 #include "realtime/control_loop.hpp"
 #include "service/external_reference.hpp"
+#include "service/flight_recorder.hpp"
 #include "service/operator_desk.hpp"
 #include "service/recorder.hpp"
 #include "service/telemetry.hpp"
@@ -18,9 +19,9 @@ namespace eampc::service {
 
 class RecordPump {
  public:
-  // `telemetry`, `recorder` and `external` may be null.
+  // `telemetry`, `recorder`, `external` and `flight` may be null.
   RecordPump(realtime::ControlLoop& loop, OperatorDesk& desk, Telemetry* telemetry,
-             Recorder* recorder, ExternalReference* external);
+             Recorder* recorder, ExternalReference* external, FlightRecorder* flight);
   ~RecordPump() { stop(); }
   RecordPump(const RecordPump&) = delete;
   RecordPump& operator=(const RecordPump&) = delete;
@@ -37,12 +38,14 @@ class RecordPump {
   void drain();
   void log_changes(const realtime::LoopRecord& record);
   void log_counters();
+  static void log_flight(const FlightFile& file);
 
   realtime::ControlLoop& loop_;
   OperatorDesk& desk_;
   Telemetry* telemetry_;
   Recorder* recorder_;
   ExternalReference* external_;
+  FlightRecorder* flight_;
   std::atomic<bool> stop_{false};
   std::thread thread_;
   control::Mode logged_mode_ = control::Mode::kInit;

@@ -13,6 +13,7 @@
 
 #include "realtime/file_descriptor.hpp"
 #include "service/options.hpp"
+#include "service/record_texts.hpp"
 
 namespace eampc::service {
 namespace {
@@ -66,16 +67,6 @@ lcm_t* open_lcm(const std::string& url) {
   return lcm;
 }
 
-std::string limits_text(std::uint32_t limits) {
-  std::string text;
-  for (std::uint32_t bit = 1; bit != 0; bit <<= 1) {
-    if ((limits & bit) == 0) continue;
-    if (!text.empty()) text += ", ";
-    text += control::limit_text(static_cast<control::Limit>(bit));
-  }
-  return text.empty() ? control::limit_text(control::kLimitNone) : text;
-}
-
 std::int64_t now_us() {
   using namespace std::chrono;
   return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
@@ -119,6 +110,9 @@ void Telemetry::publish_state(const realtime::LoopRecord& record) {
   state_.angle_rad = cycle.state.x[0];
   state_.velocity_rad_s = cycle.state.x[1];
   state_.valve_control = cycle.state.x[2];
+  state_.pressure1_kPa = cycle.pressure1_kPa;
+  state_.pressure2_kPa = cycle.pressure2_kPa;
+  state_.supply_pressure_kPa = cycle.supply_pressure_kPa;
   state_.disturbance_rad_s2 = cycle.disturbance.for_law[1];
   state_.control = cycle.law.u;
   state_.u1_V = cycle.valves.u1_V;
@@ -128,6 +122,7 @@ void Telemetry::publish_state(const realtime::LoopRecord& record) {
   state_.mode_text = control::mode_text(cycle.mode);
   state_.fault = static_cast<std::int16_t>(cycle.fault);
   state_.fault_text = control::fault_text(cycle.fault);
+  state_.present_faults = static_cast<std::int32_t>(cycle.present_faults.bits());
   state_.limits = static_cast<std::int32_t>(cycle.limits);
   state_.limits_text = limits_text(cycle.limits);
   state_.arrival_to_wake_us = record.arrival_to_wake_us;
@@ -150,6 +145,11 @@ void Telemetry::publish_health(const OperatorReply& status) {
   health.mode_text = control::mode_text(cycle.mode);
   health.fault = static_cast<std::int16_t>(cycle.fault);
   health.fault_text = control::fault_text(cycle.fault);
+  health.present_faults = static_cast<std::int32_t>(cycle.present_faults.bits());
+  health.present_faults_text = causes_text(cycle.present_faults);
+  health.refusal = static_cast<std::int8_t>(status.refusal);
+  health.refusal_cause = static_cast<std::int16_t>(status.refusal_cause);
+  health.refusal_text = refusal_sentence(status.refusal, status.refusal_cause);
   health.cycles = counters.cycles;
   health.encoder_frames = counters.encoder_frames;
   health.missed_cycles = counters.missed_cycles();

@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from eampc_rig import Rig, RigError, load_rig, parse_bus_url, parse_override, resolve_frames
+from eampc import _core
+from eampc_rig import (
+    FAULT_NAMES,
+    Rig,
+    RigError,
+    load_rig,
+    parse_bus_url,
+    parse_override,
+    resolve_frames,
+)
 
 RIGS = Path(__file__).parents[2] / "rigs"
 REFERENCE = RIGS / "reference"
@@ -126,6 +135,28 @@ def test_a_rig_is_frozen() -> None:
             "safety.encoder_timeout_s is 0.005 s, but must be greater than control.period_s",
         ),
         (
+            {"safety.supply_pressure_min_kPa": 1300.0},
+            "safety.supply_pressure_min_kPa is 1300.0 kPa, but must be less than "
+            "safety.supply_pressure_max_kPa = 1200.0 kPa",
+        ),
+        (
+            {"bus.valve_feedback": "absent"},
+            "safety.supply_pressure_min_kPa or max_kPa is set, but there is no "
+            "bus.valve_feedback.supply_pressure_signal to compare with; name one",
+        ),
+        (
+            {"bus.encoder.status_signal": "absent"},
+            "safety.encoder_status_mask is 15, but there is no bus.encoder.status_signal",
+        ),
+        (
+            {"safety.e_stop_action": "hope"},
+            "safety.e_stop_action",
+        ),
+        (
+            {"safety.encoder_invalid_action": "soft_stop"},
+            "safety.encoder_invalid_action",
+        ),
+        (
             {"bus.encoder.velocity_signal": "absent"},
             'estimator.kind is "adaptive", which needs bus.encoder.velocity_signal',
         ),
@@ -193,6 +224,20 @@ def test_the_first_problem_is_told_and_the_rest_counted() -> None:
     text = complaint({"control.horizons": 5, "valve.bias_V": "x", "joint": "absent"})
     assert text.startswith("control.horizons is not a key of this file")
     assert text.endswith("(and 2 more)")
+
+
+def test_every_cause_has_an_action_under_the_daemon_s_name() -> None:
+    assert tuple(_core.fault_names()) == FAULT_NAMES
+    safety = load_rig(RIGS / "reference").safety
+    immediate = {name for name in FAULT_NAMES if safety.action(name) == "immediate"}
+    assert immediate == {
+        *("bus_off", "tx_unconfirmed", "link_down", "send_refused", "e_stop", "law_mismatch")
+    }
+
+
+def test_arming_counts_ramp_and_reduced_limits() -> None:
+    safety = load_rig(RIGS / "reference").safety
+    assert safety.arming_periods(0.005) == 100 + 40
 
 
 def test_wrong_variant_names_the_near_one() -> None:

@@ -331,6 +331,7 @@ class Daemon:
                     f"--bus={bus}",
                     f"--socket={self.socket_path}",
                     f"--record={self.record_path}",
+                    f"--flight-folder={folder}",
                     f"--ready-fd={write_end}",
                     *arguments,
                 ],

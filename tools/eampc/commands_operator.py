@@ -54,6 +54,7 @@ def register(app: typer.Typer) -> None:
     app.command(epilog="Example: eampc disarm")(disarm)
     app.command(epilog="Example: eampc reset && eampc arm")(reset)
     app.command(epilog="Example: eampc status --json")(status)
+    app.command(epilog="Example: eampc plot $(eampc flight)")(flight)
     app.add_typer(reference_app, name="reference")
 
 
@@ -97,6 +98,15 @@ def status(
     from eampc.terminal import output_console
 
     output_console().print(_status_table(reply))
+
+
+def flight(socket: SocketOption = None) -> None:
+    """Have the daemon write its last cycles to a file.
+
+    Prints the file's path; a fault writes one by itself. `eampc plot` draws it.
+    """
+    with OperatorClient(socket) as client:
+        _tell(client.command("flight"))
 
 
 @reference_app.command(epilog="Example: eampc reference constant --amplitude-rad 0.3")
@@ -197,6 +207,10 @@ def _status_table(reply: dict[str, Any]) -> Table:
         ("rig", "rig_name", "{}"),
         ("mode", "mode", "{}"),
         ("fault", "fault", "{}"),
+        ("fault number", "fault_number", "{}"),
+        ("causes that hold", "present_faults_text", "{}"),
+        ("last refusal", "refusal", "{}"),
+        ("limits", "limits_text", "{}"),
         ("cycle", "cycle", "{}"),
         ("scenario time, s", "scenario_time_s", "{:.3f}"),
         ("reference, rad", "reference_angle_rad", "{:+.5f}"),

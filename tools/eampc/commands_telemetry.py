@@ -1,5 +1,5 @@
 """Telemetry for people: `eampc spy` (lcm-spy with our types), `eampc plot LOG` (figures of an LCM
-log).
+log or a flight record).
 """
 
 import os
@@ -35,7 +35,9 @@ def spy(
 
 
 def plot(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="File that lcm-logger wrote.")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log of lcm-logger, or a flight record.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Folder for the PNG files. Default: LOG.plots."),
@@ -45,10 +47,18 @@ def plot(
 
     Tracking, error, voltages, disturbance and timing.
     """
+    from eampc.flight_record import is_flight_record, read_flight_record
+    from eampc.flight_record import loop_data as flight_data
     from eampc.hil.figures import write_figures
     from eampc.hil.report_folder import make_folder
     from eampc.telemetry_log import loop_data, read_telemetry_log
 
+    if is_flight_record(log):
+        record = read_flight_record(log)
+        folder = make_folder(out or log.with_name(log.name + ".plots"))
+        for path in write_figures(flight_data(record), folder):
+            typer.echo(path)
+        return
     recorded = read_telemetry_log(log)
     folder = make_folder(out or log.with_name(log.name + ".plots"))
     for path in write_figures(loop_data(recorded), folder):
