@@ -138,6 +138,8 @@ def _evaluator(law: Law) -> str:
         form = f"{s['nodes']} nodes of 7 hyperplanes, depth {s['depth']}, {s['leaves']} leaves"
     else:
         form = f"one lattice of {s['terms']} terms"
+    if evaluator["fold"].any():
+        form += " for half of the box, the law is odd"
     return f"{form}, at most {evaluator['worst_operations']} operations"
 
 
