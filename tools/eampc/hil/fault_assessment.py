@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -78,17 +79,17 @@ def judge_wire(rig: Rig, commands: Recording, armings: Sequence[int]) -> WireFig
     steps = np.maximum(1.0, np.diff(frame))
     allowed_V = valve.slew_max_V_per_s * period_s * steps + ROUNDING_V
     moved_V = np.max(np.abs(np.diff(voltages, axis=0)), axis=1) if len(frame) > 1 else np.empty(0)
-    rises = np.flatnonzero(enable[1:] & ~enable[:-1]) + 1
+    rises = np.flatnonzero(enable & ~np.concatenate([[False], enable[:-1]]))
     ordered = sum(
         bool(np.any((frame[rises] >= begin) & (frame[rises] < end)))
-        for begin, end in zip(armings, [*armings[1:], np.inf], strict=True)
+        for begin, end in pairwise([*armings, np.inf])
     )
     return WireFigures(
         frames=len(commands),
         invalid_frames=int(len(commands) - len(valid)),
         voltage_violations=int(np.count_nonzero(np.any(beyond, axis=1) | unsafe)),
         slew_violations=int(np.count_nonzero(enable[1:] & (moved_V > allowed_V))),
-        automatic_resumes=int(len(rises) + (1 if len(enable) and enable[0] else 0) - ordered),
+        automatic_resumes=int(len(rises) - ordered),
     )
 
 
