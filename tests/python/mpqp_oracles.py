@@ -2,16 +2,23 @@
 conditions fitted by non-negative least squares, and points placed where solvers err.
 """
 
+from typing import Any
+
 import daqp
 import numpy as np
 from eampc.mpqp import Problem, Region, Solution
 from scipy.optimize import nnls
 
 
-def online_solution(problem: Problem, p: np.ndarray) -> np.ndarray | None:
+def online_solution(problem: Any, p: np.ndarray) -> np.ndarray | None:
     """U(p) of DAQP; None if it says that there is none."""
+    return online_answer(problem, p)[0]
+
+
+def online_answer(problem: Any, p: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """The same, and the rows with a multiplier."""
     right = problem.w + problem.S @ p
-    U, _, exit_flag, _ = daqp.solve(
+    U, _, exit_flag, info = daqp.solve(
         problem.H,
         problem.F @ p + problem.f,
         problem.G,
@@ -21,7 +28,7 @@ def online_solution(problem: Problem, p: np.ndarray) -> np.ndarray | None:
         primal_tol=1e-10,
         dual_tol=1e-12,
     )
-    return U if exit_flag == 1 else None
+    return U if exit_flag == 1 else None, np.flatnonzero(info["lam"] > 0.0)
 
 
 def optimality_gap(problem: Problem, p: np.ndarray, U: np.ndarray) -> float:

@@ -103,6 +103,8 @@ def offline_notes() -> list[str]:
     return [
         "processor time; explore: the critical regions, rows reduced, coverage proved by facets; "
         "structure: the evaluator and its proof",
+        "regions: complete; at p5_u2 N = 5, 8, 10 and 20 four, four, two and two of "
+        "them are thinner than 1e-6 of the half box, which others may leave out",
         "PPOPT: its fastest algorithm, rows reduced by itself; uncovered: random parameters that "
         "have a solution (judged by DAQP) and lie in no region",
     ]
