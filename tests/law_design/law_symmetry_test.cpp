@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <optional>
 #include <random>
 
@@ -75,6 +76,47 @@ TEST(LawSymmetry, RegionsThatTheFoldCutsAreMeasuredAnew) {
     cut += region.facets.offset(last) == 0.0 ? 1 : 0;
   }
   EXPECT_GT(cut, 0);
+}
+
+// Ties between active sets may divide a region on one side of the fold only.
+TEST(LawSymmetry, ADividedRegionIsOddIfItsMirrorImageHoldsItsLaw) {
+  LawPartition whole = partition_of(benchmark_p5(20, 2.0), 4.0);
+  const std::optional<Hyperplane> fold = odd_symmetry(whole);
+  ASSERT_TRUE(fold);
+  const std::size_t before = half_above(whole, *fold).regions.size();
+
+  const auto below = [&](const LawRegion& region) {
+    return !whole.is_bound(region.law) && region.radius > 1e-3 &&
+           std::all_of(region.extent.points.begin(), region.extent.points.end(),
+                       [&](const Point& q) { return fold->excess(q) < -1e-3; });
+  };
+  const auto found = std::find_if(whole.regions.begin(), whole.regions.end(), below);
+  ASSERT_NE(found, whole.regions.end());
+  const LawRegion divided = *found;
+  whole.regions.erase(found);
+  for (const double side : {1.0, -1.0}) {
+    LawRegion part = divided;
+    Point normal{};
+    normal[0] = side;
+    part.facets.append(normal.data(), side * divided.inside[0]);
+    part.inside[0] -= side * 0.25 * divided.radius;
+    part.radius = 0.25 * divided.radius;
+    whole.regions.push_back(part);
+  }
+  ASSERT_TRUE(odd_symmetry(whole));
+  const LawPartition half = half_above(whole, *fold);
+  ASSERT_EQ(half.regions.size(), before + 2);
+  for (const std::size_t back : {1U, 2U}) {
+    const LawRegion& image = half.regions[half.regions.size() - back];
+    const LawRegion& part = whole.regions[whole.regions.size() - back];
+    EXPECT_GT(fold->excess(image.inside), 0.0);
+    for (std::size_t j = 0; j < 5; ++j) EXPECT_EQ(image.inside[j], -part.inside[j]);
+    EXPECT_NEAR(half.value(image.law, image.inside.data()),
+                1.0 - whole.value(part.law, part.inside.data()), 1e-9);
+  }
+
+  whole.regions.back().law = whole.is_bound(0) ? 1 : 0;
+  EXPECT_FALSE(odd_symmetry(whole));
 }
 
 TEST(LawSymmetry, NothingIsOddByHalves) {

@@ -59,14 +59,26 @@ CellGeometry::Presence CellGeometry::presence(const Cell& cell, CellItem& item) 
 void CellGeometry::refresh_extent(const Cell& cell, CellItem& item) {
   const LawRegion& region = partition_.regions[index(item.region)];
   const HalfSpaces* parts[] = {&region.facets, &cell.rows()};
-  item.extent.points.clear();
+  std::vector<Point> known;
+  known.reserve(2 * index(dimension_));
+  known.swap(item.extent.points);
   for (int j = 0; j < dimension_; ++j) {
     for (const double sign : {1.0, -1.0}) {
+      double& bound = (sign > 0.0 ? item.extent.upper : item.extent.lower)[index(j)];
+      // A bound that a known point attains is the bound of this part too.
+      const auto attains = [&](const Point& q) {
+        return std::abs(q[index(j)] - bound) <= LinearProgram::kTolerance;
+      };
+      const auto extreme = std::find_if(known.begin(), known.end(), attains);
+      if (extreme != known.end()) {
+        item.extent.points.push_back(*extreme);
+        continue;
+      }
       Point c{};
       c[index(j)] = sign;
       const LpResult edge = program_.maximise(c.data(), parts);
       if (edge.status != LpStatus::kOptimal) continue;
-      (sign > 0.0 ? item.extent.upper : item.extent.lower)[index(j)] = sign * edge.value;
+      bound = sign * edge.value;
       Point point{};
       std::copy(program_.point(), program_.point() + dimension_, point.begin());
       item.extent.points.push_back(point);

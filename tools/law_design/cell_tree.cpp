@@ -3,32 +3,37 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cmath>
 #include <cstddef>
 #include <exception>
 #include <map>
+#include <memory>
 #include <mutex>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
 
+#include "law_design/cell_division.hpp"
+#include "law_design/parallel_range.hpp"
 #include "law_design/split_choice.hpp"
 
 namespace eampc::law_design {
 namespace {
 
 constexpr int kMostDepth = 120;
+// Deeper than any law needs whose cells can be divided well: from here on a cell is fitted with its
+// slivers before it is divided once more.
+constexpr int kPatience = 48;
 // Cells at this depth, if they hold more regions than the second figure, are built in parallel.
 constexpr int kTaskDepth = 6;
 constexpr std::size_t kTaskRegions = 64;
 // Cells with at most this many regions have their parts measured anew.
 constexpr std::size_t kMeasured = 160;
-constexpr std::size_t kMostPoints = 16;
 // Of a leaf that no hyperplane divides.
 constexpr int kMostPieces = 64;
-// A known point this far beyond a hyperplane, with a ball on the other side, proves a ball there.
-constexpr double kClear = 1e-4;
+// Items divided by all threads at once, and how many are worth it.
+constexpr std::size_t kBatch = 8192, kWorthThreads = 512;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
@@ -63,10 +68,12 @@ class Grower {
   static constexpr std::int32_t kTask = 1 << 30;
   static constexpr std::int32_t kNowhere = std::int32_t{1} << 29;  // a cell without parameters
 
-  Grower(Shared& shared, std::vector<Task>* tasks)
+  /// With `tasks` large cells below are put off; what is above them is divided by `threads`.
+  Grower(Shared& shared, std::vector<Task>* tasks, int threads)
       : shared_(shared),
         partition_(shared.partition),
-        geometry_(shared.partition),
+        divisions_(divisions(shared.partition, threads)),
+        geometry_(divisions_.front()->geometry()),
         fitter_(shared.partition, geometry_),
         splits_(shared.partition),
         cell_(shared.partition.parameters),
@@ -77,19 +84,33 @@ class Grower {
     return grow(std::move(items), std::move(bounds), 0);
   }
   Growth take() { return std::move(growth_); }
-  long lps() const { return geometry_.lp_count(); }
+  long lps() const {
+    long count = 0;
+    for (const std::unique_ptr<CellDivision>& division : divisions_) {
+      count += division->geometry().lp_count();
+    }
+    return count;
+  }
 
  private:
+  using CellDivisions = std::vector<std::unique_ptr<CellDivision>>;
+  static CellDivisions divisions(const LawPartition& partition, int threads) {
+    CellDivisions result;
+    for (int t = 0; t < threads; ++t) result.push_back(std::make_unique<CellDivision>(partition));
+    return result;
+  }
+
   std::int32_t grow(Items items, Items bounds, int depth);
   std::int32_t leaf(LatticeLeaf leaf);
   bool divide(const Items& items, const Hyperplane& plane, bool measure, Items& below,
               Items& above);
-  bool other_side(const CellItem& item, const Hyperplane& plane, bool above, CellItem& part);
+  std::optional<LatticeLeaf> fit_with_slivers(Items items, const Items& bounds);
   void tick();
 
   Shared& shared_;
   const LawPartition& partition_;
-  CellGeometry geometry_;
+  CellDivisions divisions_;
+  CellGeometry& geometry_;
   LatticeFitter fitter_;
   SplitChoice splits_;
   Cell cell_;
@@ -117,96 +138,34 @@ std::int32_t Grower::leaf(LatticeLeaf leaf) {
   return ~static_cast<std::int32_t>(growth_.leaves.size() - 1);
 }
 
-struct Span {
-  double lowest, highest;
-};
-
-Span span_over_box(const Hyperplane& plane, const Extent& extent, int parameters) {
-  double middle = -plane.offset;
-  double reach = 0.0;
-  for (int j = 0; j < parameters; ++j) {
-    const double a = 0.5 * plane.normal[index(j)];
-    middle += a * (extent.upper[index(j)] + extent.lower[index(j)]);
-    reach += std::abs(a) * (extent.upper[index(j)] - extent.lower[index(j)]);
-  }
-  return {middle - reach, middle + reach};
-}
-
-// The part of `item` on one side: from a point known there if it is well inside, else by a program.
-bool Grower::other_side(const CellItem& item, const Hyperplane& plane, bool above, CellItem& part) {
-  const double sign = above ? 1.0 : -1.0;
-  part.region = item.region;
-  part.extent.lower = item.extent.lower;
-  part.extent.upper = item.extent.upper;
-  part.extent.points.clear();
-  const Point* deepest = nullptr;
-  double depth = 0.0;
-  for (const Point& point : item.extent.points) {
-    const double beyond = sign * plane.excess(point);
-    if (beyond <= 0.0) continue;
-    part.extent.points.push_back(point);
-    if (beyond > depth) {
-      depth = beyond;
-      deepest = &point;
-    }
-  }
-  const double own = sign * plane.excess(item.inside);
-  if (own >= 0.5 * item.radius && item.radius > kClear) {
-    part.inside = item.inside;
-    part.radius = std::min(item.radius, own);
-  } else if (deepest != nullptr && depth > kClear && item.radius > kClear) {
-    // From the deepest point t of the way to the ball: a ball of t times its radius, at a depth of
-    // depth − t (depth − own).
-    const double t = std::min(1.0, 0.5 * depth / std::max(depth - own, 1e-12));
-    for (std::size_t j = 0; j < kMaxDimension; ++j) {
-      part.inside[j] = (*deepest)[j] + t * (item.inside[j] - (*deepest)[j]);
-    }
-    part.radius = std::min(t * item.radius, depth - t * (depth - own));
-  } else {
-    const CellGeometry::Presence presence = geometry_.presence(cell_, part);
-    if (presence == CellGeometry::Presence::kAbsent) return false;
-    part.thin = presence == CellGeometry::Presence::kThin;
-    return true;
-  }
-  part.thin = false;
-  return true;
-}
-
 // Divides the items; false if one side keeps all of them and the other all or none.
 bool Grower::divide(const Items& items, const Hyperplane& plane, bool measure, Items& below,
                     Items& above) {
   below.clear();
   above.clear();
-  for (const CellItem& item : items) {
-    const Span span = span_over_box(plane, item.extent, partition_.parameters);
-    if (span.highest <= CellGeometry::kSide) {
-      below.push_back(item);
-      continue;
-    }
-    if (span.lowest >= -CellGeometry::kSide) {
-      above.push_back(item);
-      continue;
-    }
-    CellItem parts[2];
-    bool exists[2];
-    for (const bool up : {false, true}) {
-      cell_.push(plane, up);
-      exists[up ? 1 : 0] = other_side(item, plane, up, parts[up ? 1 : 0]);
-      cell_.pop();
-    }
-    for (const bool up : {false, true}) {
-      if (!exists[up ? 1 : 0]) continue;
-      CellItem& part = parts[up ? 1 : 0];
-      if (!exists[up ? 0 : 1]) part.extent = item.extent;
-      if (measure && !part.thin && exists[0] && exists[1]) {
-        cell_.push(plane, up);
-        geometry_.refresh_extent(cell_, part);
-        cell_.pop();
-      } else if (part.extent.points.size() < kMostPoints && !part.thin) {
-        part.extent.points.push_back(part.inside);
+  const auto take = [&](const CellItem& item, DividedItem&& parts) {
+    if (parts.whole == DividedItem::Whole::kBelow) below.push_back(item);
+    if (parts.whole == DividedItem::Whole::kAbove) above.push_back(item);
+    if (parts.parts[0]) below.push_back(std::move(*parts.parts[0]));
+    if (parts.parts[1]) above.push_back(std::move(*parts.parts[1]));
+  };
+  const std::size_t many = divisions_.size() > 1 ? kWorthThreads : items.size();
+  for (std::unique_ptr<CellDivision>& division : divisions_) division->enter(cell_, plane);
+  for (std::size_t first = 0; first < items.size(); first += kBatch) {
+    const std::size_t last = std::min(items.size(), first + kBatch);
+    if (last - first < many) {
+      for (std::size_t i = first; i < last; ++i) {
+        take(items[i], divisions_.front()->divide(items[i], measure));
       }
-      (up ? above : below).push_back(std::move(part));
+      continue;
     }
+    std::vector<DividedItem> parts(last - first);
+    parallel_range(static_cast<int>(last - first), static_cast<int>(divisions_.size()),
+                   [&](int i, int thread) {
+                     parts[index(i)] =
+                         divisions_[index(thread)]->divide(items[first + index(i)], measure);
+                   });
+    for (std::size_t i = first; i < last; ++i) take(items[i], std::move(parts[i - first]));
   }
   const auto there = [](const Items& side) {
     return std::count_if(side.begin(), side.end(), [](const CellItem& i) { return !i.thin; });
@@ -217,6 +176,18 @@ bool Grower::divide(const Items& items, const Hyperplane& plane, bool measure, I
     return n == 0 || n == all;
   };
   return !(all_or_none(below) && all_or_none(above));
+}
+
+// What is left is as small as the rounding of facets: slivers count as regions, and if that is not
+// enough a difference counts as none that elsewhere is one.
+std::optional<LatticeLeaf> Grower::fit_with_slivers(Items items, const Items& bounds) {
+  for (CellItem& item : items) item.thin = false;
+  for (const double same : {1e-9, 1e-7, 1e-6}) {
+    if (auto found = fitter_.fit(items, bounds, cell_, {kMostPieces, kMostPieces, same})) {
+      return found;
+    }
+  }
+  return std::nullopt;
 }
 
 std::int32_t Grower::grow(Items items, Items bounds, int depth) {
@@ -243,6 +214,9 @@ std::int32_t Grower::grow(Items items, Items bounds, int depth) {
     });
     if (!present && !partition_.everywhere_feasible) return kNowhere;
   }
+  if (depth > kPatience) {
+    if (auto found = fit_with_slivers(items, bounds)) return leaf(std::move(*found));
+  }
   Items below, above;
   const std::vector<Hyperplane> hints = fitter_.hints();
   for (const bool all : {false, true}) {
@@ -251,6 +225,8 @@ std::int32_t Grower::grow(Items items, Items bounds, int depth) {
       if (!divide(items, split.plane, measure, below, above) && occupied) continue;
       Items bounds_below, bounds_above;
       divide(bounds, split.plane, false, bounds_below, bounds_above);
+      items = Items();
+      bounds = Items();
       const std::size_t at = growth_.nodes.size();
       growth_.nodes.push_back({split.plane, 0, 0});
       std::int32_t codes[2];
@@ -265,14 +241,7 @@ std::int32_t Grower::grow(Items items, Items bounds, int depth) {
       return static_cast<std::int32_t>(at);
     }
   }
-  // What is left is as small as the rounding of facets: slivers count as regions, and if that is
-  // not enough a difference counts as none that elsewhere is one.
-  for (CellItem& item : items) item.thin = false;
-  for (const double same : {1e-9, 1e-7, 1e-6}) {
-    if (auto found = fitter_.fit(items, bounds, cell_, {kMostPieces, kMostPieces, same})) {
-      return leaf(std::move(*found));
-    }
-  }
+  if (auto found = fit_with_slivers(items, bounds)) return leaf(std::move(*found));
   throw std::runtime_error("cell tree: " + std::to_string(items.size()) +
                            " regions meet in a cell that no hyperplane divides and no lattice of "
                            "their laws fits; the problem is too ill-conditioned");
@@ -342,7 +311,7 @@ std::vector<Grown> grow_tasks(Shared& shared, std::vector<Task>& tasks) {
   const auto work = [&] {
     for (std::size_t t = next++; t < tasks.size(); t = next++) {
       try {
-        Grower grower(shared, nullptr);
+        Grower grower(shared, nullptr, 1);
         grown[t].code = grower.grow(std::move(tasks[t].cell), std::move(tasks[t].items),
                                     std::move(tasks[t].bounds));
         grown[t].lps = grower.lps();
@@ -353,11 +322,9 @@ std::vector<Grown> grow_tasks(Shared& shared, std::vector<Task>& tasks) {
       }
     }
   };
-  const unsigned wanted = shared.options.threads > 0
-                              ? static_cast<unsigned>(shared.options.threads)
-                              : std::max(1U, std::thread::hardware_concurrency());
+  const int wanted = thread_count(shared.options.threads);
   std::vector<std::jthread> helpers;
-  for (unsigned t = 1; t < wanted; ++t) helpers.emplace_back(work);
+  for (int t = 1; t < wanted; ++t) helpers.emplace_back(work);
   work();
   helpers.clear();
   std::exception_ptr cancelled;
@@ -385,7 +352,7 @@ CellTree build_cell_tree(const LawPartition& partition, const CellTreeOptions& o
     (partition.is_bound(region.law) ? bounds : items).push_back(std::move(item));
   }
   std::vector<Task> tasks;
-  Grower top(shared, &tasks);
+  Grower top(shared, &tasks, thread_count(options.threads));
   const std::int32_t root =
       top.grow(Cell(partition.parameters), std::move(items), std::move(bounds));
   std::vector<Grown> grown = grow_tasks(shared, tasks);

@@ -1,9 +1,11 @@
 #include "law_design/law_symmetry.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "law_design/cell_geometry.hpp"
@@ -15,6 +17,9 @@ namespace {
 constexpr double kSameFacet = 1e-9;
 constexpr double kSameRadius = 1e-9;
 constexpr double kSameLaw = 2e-9;
+constexpr double kSameValue = 1e-7;  // of the output's range, at one point
+// Share of the regions that may lack a mirror image.
+constexpr double kMostAlone = 0.01;
 // Hyperplanes of the partition tried as folds, besides the axes.
 constexpr std::size_t kMostTried = 256;
 
@@ -48,15 +53,45 @@ bool has_mirrored_law(const LawPartition& partition, int a, int b) {
   return gap <= kSameLaw;
 }
 
-bool is_odd(const LawPartition& partition) {
-  if (!partition.centre.isZero(0.0) || partition.y_min != -partition.y_max) return false;
+struct Alone {
+  std::size_t region = 0;
+  int law = 0;  // of its mirror image
+};
+
+double clipped(const LawPartition& partition, int law, const Point& q) {
+  return std::clamp(partition.value(law, q.data()), 0.0, 1.0);
+}
+
+// The law of the mirror image of a region that has none among the regions, if the law is odd there:
+// ties between active sets may be broken differently on both sides. Else -1.
+int mirrored_law(const LawPartition& partition, const LawRegion& region) {
+  Point opposite = region.inside;
+  for (double& x : opposite) x = -x;
+  const double value = 1.0 - clipped(partition, region.law, region.inside);
+  const bool odd =
+      std::any_of(partition.regions.begin(), partition.regions.end(), [&](const LawRegion& other) {
+        return other.facets.contains(opposite.data(), kSameFacet) &&
+               std::abs(clipped(partition, other.law, opposite) - value) <= kSameValue;
+      });
+  for (int law = 0; odd && law <= partition.high_law(); ++law) {
+    if (has_mirrored_law(partition, region.law, law)) return law;
+  }
+  return -1;
+}
+
+// Regions without a mirror image among the regions; nothing if the law is not odd.
+std::optional<std::vector<Alone>> find_alone(const LawPartition& partition) {
+  if (!partition.centre.isZero(0.0) || partition.y_min != -partition.y_max) return std::nullopt;
   const std::vector<LawRegion>& regions = partition.regions;
+  const auto most = static_cast<std::size_t>(kMostAlone * static_cast<double>(regions.size()));
   std::vector<std::size_t> by_radius(regions.size());
   std::iota(by_radius.begin(), by_radius.end(), std::size_t{0});
   std::sort(by_radius.begin(), by_radius.end(), [&](std::size_t a, std::size_t b) {
     return regions[a].radius != regions[b].radius ? regions[a].radius < regions[b].radius : a < b;
   });
-  for (const LawRegion& region : regions) {
+  std::vector<Alone> alone;
+  for (std::size_t own = 0; own < regions.size(); ++own) {
+    const LawRegion& region = regions[own];
     const auto first =
         std::lower_bound(by_radius.begin(), by_radius.end(), region.radius - kSameRadius,
                          [&](std::size_t r, double radius) { return regions[r].radius < radius; });
@@ -69,9 +104,41 @@ bool is_odd(const LawPartition& partition) {
           return has_mirrored_law(partition, region.law, regions[r].law) &&
                  has_mirrored_facets(region.facets, regions[r].facets);
         });
-    if (!found) return false;
+    if (found) continue;
+    if (alone.size() == most) return std::nullopt;
+    const int law = mirrored_law(partition, region);
+    if (law < 0) return std::nullopt;
+    alone.push_back({own, law});
   }
-  return true;
+  return alone;
+}
+
+HalfSpaces mirror_image(const HalfSpaces& rows, int parameters) {
+  HalfSpaces image(rows.dimension());
+  std::array<double, kMaxDimension + 1> a{};
+  for (int i = 0; i < rows.size(); ++i) {
+    rows.copy_normal(i, a.data());
+    for (int j = 0; j < parameters; ++j) a[index(j)] = -a[index(j)];
+    image.append(a.data(), rows.offset(i));
+  }
+  return image;
+}
+
+LawRegion mirror_image(const LawRegion& region, int law, int parameters) {
+  LawRegion image = region;
+  image.facets = mirror_image(region.facets, parameters);
+  image.ball_facets = mirror_image(region.ball_facets, parameters);
+  image.planes.clear();
+  image.law = law;
+  const auto turn = [](Point& q) {
+    for (double& x : q) x = -x;
+  };
+  turn(image.inside);
+  std::swap(image.extent.lower, image.extent.upper);
+  turn(image.extent.lower);
+  turn(image.extent.upper);
+  std::for_each(image.extent.points.begin(), image.extent.points.end(), turn);
+  return image;
 }
 
 // Regions known to reach to both sides; those that are not saturated count most, they are divided.
@@ -130,7 +197,7 @@ void cut_at(LawRegion& region, const Hyperplane& fold, LinearProgram& program,
 }  // namespace
 
 std::optional<Hyperplane> odd_symmetry(const LawPartition& partition) {
-  if (!is_odd(partition)) return std::nullopt;
+  if (!find_alone(partition)) return std::nullopt;
   std::vector<Hyperplane> tried;
   for (int j = 0; j < partition.parameters; ++j) {
     tried.emplace_back();
@@ -159,11 +226,17 @@ LawPartition half_above(const LawPartition& partition, const Hyperplane& fold) {
   LinearProgram ball(partition.parameters + 1);
   ball.set_bounds(partition.parameters, -4.0, 2.0);
   ball.set_perturbation(1e-12);
-  for (const LawRegion& region : partition.regions) {
-    if (reach(region, fold, 1.0, program) <= CellGeometry::kSide) continue;
+  const auto keep = [&](const LawRegion& region) {
+    if (reach(region, fold, 1.0, program) <= CellGeometry::kSide) return;
     half.regions.push_back(region);
     if (reach(region, fold, -1.0, program) > CellGeometry::kSide) {
       cut_at(half.regions.back(), fold, program, ball);
+    }
+  };
+  std::for_each(partition.regions.begin(), partition.regions.end(), keep);
+  if (const auto alone = find_alone(partition)) {
+    for (const Alone& region : *alone) {
+      keep(mirror_image(partition.regions[region.region], region.law, partition.parameters));
     }
   }
   return half;
