@@ -3,10 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 namespace eampc::law_design {
 namespace {
+
+// A multiplier may slip below zero by this in one step …
+constexpr long double kSlip = 1e-15L;
+// … and is then worth no more than its row's slack within the box: |b| + |a|₁ of a unit row.
+constexpr long double kMostSlack = 6.0L;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
@@ -66,6 +72,25 @@ bool ExtendedProgram::invert(const std::vector<const ExtendedForm*>& rows, Squar
 
 bool ExtendedProgram::below(const std::vector<const ExtendedForm*>& rows,
                             const ExtendedForm& objective, long double cutoff) {
+  // Another objective leads past a basis that cannot be inverted; within the box it differs by no
+  // more than `most`.
+  for (const long double change : {0.0L, 1e-14L, 1e-13L, 1e-12L}) {
+    ExtendedForm changed = objective;
+    long double most = 0.0L;
+    for (int j = 0; j < dimension_; ++j) {
+      const long double step = change * (0.5L + std::fmod(0.6180339887498949L * (j + 1), 1.0L));
+      changed[index(j)] += objective[index(j)] < 0.0L ? -step : step;
+      most += step;
+    }
+    const Outcome outcome = attempt(rows, changed, cutoff - most);
+    if (outcome != Outcome::kLost) return outcome == Outcome::kProved;
+  }
+  return false;
+}
+
+ExtendedProgram::Outcome ExtendedProgram::attempt(const std::vector<const ExtendedForm*>& rows,
+                                                  const ExtendedForm& objective,
+                                                  long double cutoff) {
   const int n = dimension_;
   const int m = static_cast<int>(rows.size());
   const long double limit = cutoff - objective[index(n)];
@@ -75,7 +100,7 @@ bool ExtendedProgram::below(const std::vector<const ExtendedForm*>& rows,
   std::array<long double, kMaxDimension> a{}, x{}, y{}, alpha{};
   for (int iteration = 0; iteration < 150 + 50 * n; ++iteration) {
     Square inverse{};
-    if (!invert(rows, inverse)) return false;
+    if (!invert(rows, inverse)) return Outcome::kLost;
     x.fill(0.0L);
     y.fill(0.0L);
     // Refined, so that the basis rows hold to rounding however nearly parallel they are.
@@ -96,7 +121,8 @@ bool ExtendedProgram::below(const std::vector<const ExtendedForm*>& rows,
     }
     long double value = 0.0L;
     for (int j = 0; j < n; ++j) value += objective[index(j)] * x[index(j)];
-    if (value <= limit) return true;
+    for (int k = 0; k < n; ++k) value += kMostSlack * std::max(-y[index(k)], 0.0L);
+    if (value <= limit) return Outcome::kProved;
     int entering = -1;
     long double violation = kTolerance;
     for (int i = 0; i < m + 2 * n; ++i) {
@@ -111,28 +137,31 @@ bool ExtendedProgram::below(const std::vector<const ExtendedForm*>& rows,
         entering = i;
       }
     }
-    if (entering < 0) return false;
+    if (entering < 0) return Outcome::kOpen;
     long double b = 0.0L;
     load(rows, entering, a.data(), &b);
-    int leaving = -1;
-    long double least = 0.0L;
+    // Harris' ratio test: the largest pivot among the first.
+    long double reach = std::numeric_limits<long double>::infinity();
     for (int k = 0; k < n; ++k) {
       alpha[index(k)] = 0.0L;
       for (int j = 0; j < n; ++j) {
         alpha[index(k)] += a[index(j)] * inverse[index(j)][index(k)];
       }
       if (alpha[index(k)] <= 1e-15L) continue;
-      const long double ratio = std::max(y[index(k)], 0.0L) / alpha[index(k)];
-      if (leaving < 0 || ratio < least ||
-          (ratio == least && alpha[index(k)] > alpha[index(leaving)])) {
-        least = ratio;
-        leaving = k;
-      }
+      reach = std::min(reach, (std::max(y[index(k)], 0.0L) + kSlip) / alpha[index(k)]);
     }
-    if (leaving < 0) return true;  // the entering row and the basis contradict each other
+    int leaving = -1;
+    for (int k = 0; k < n; ++k) {
+      if (alpha[index(k)] <= 1e-15L || std::max(y[index(k)], 0.0L) > reach * alpha[index(k)]) {
+        continue;
+      }
+      if (leaving < 0 || alpha[index(k)] > alpha[index(leaving)]) leaving = k;
+    }
+    // The entering row and the basis contradict each other.
+    if (leaving < 0) return Outcome::kProved;
     basis_[index(leaving)] = entering;
   }
-  return false;
+  return Outcome::kLost;
 }
 
 }  // namespace eampc::law_design

@@ -26,7 +26,14 @@ class ExtendedProgram {
              long double cutoff);
 
  private:
+  enum class Outcome {
+    kProved,
+    kOpen,  ///< a point above the cutoff
+    kLost,  ///< in bases that cannot be inverted, or in too many steps
+  };
   using Square = std::array<std::array<long double, kMaxDimension>, kMaxDimension>;
+  Outcome attempt(const std::vector<const ExtendedForm*>& rows, const ExtendedForm& objective,
+                  long double cutoff);
   void load(const std::vector<const ExtendedForm*>& rows, int row, long double* a,
             long double* b) const;
   bool invert(const std::vector<const ExtendedForm*>& rows, Square& inverse) const;
