@@ -13,7 +13,8 @@ COLUMNS = ("frame", "offset_s", "valid", "u1_V", "u2_V", "enable", "counter")
 
 class CommandLog:
     """Frames by the encoder frame (period) they arrived in, decoded with the DBC; a frame of wrong
-    length or CRC has valid = 0 and, without its length, no values."""
+    length or CRC has valid = 0 and, without its length, no values. Signals that the message does
+    not have are empty."""
 
     def __init__(self, path: Path | None, codec: MessageCodec) -> None:
         """Keep rows for `path`; None keeps nothing. Raises RigError if the file cannot be made."""
@@ -40,7 +41,7 @@ class CommandLog:
                 int(said.valid),
                 values.get("u1", ""),
                 values.get("u2", ""),
-                int(values.get("enable", 1.0)) if said.length_ok else "",
+                int(values["enable"]) if "enable" in values else "",
                 "" if said.counter is None else said.counter,
             )
         )

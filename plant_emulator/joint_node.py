@@ -12,6 +12,7 @@ import can
 from eampc_rig.frames import Frames
 from eampc_rig.rig_file import Rig
 
+from plant_emulator.canopen_devices import CanopenDevices
 from plant_emulator.command_log import CommandLog
 from plant_emulator.encoder import Encoder
 from plant_emulator.fault_injection import Delivery, FaultInjector
@@ -46,6 +47,10 @@ class JointNode:
         self._supply_kPa = rig.emulator.supply_pressure_kPa
         crc32 = rig.inputs_crc32 if inputs_crc32 is None else inputs_crc32
         self._messages = NodeMessages(frames, faults, self.period_s, crc32)
+        self._canopen = None
+        if rig.emulator.canopen is not None:
+            self._canopen = CanopenDevices(rig, valve_node)
+        self._replies: list[can.Message] = []
         self._frame = 0
         self._snapshot: PlantSnapshot = plant.snapshot()
 
@@ -57,6 +62,8 @@ class JointNode:
         status = self.valve_node.take_status()
         if self.faults.silent(frame):
             return []
+        if self._canopen is not None:
+            return self._canopen.begin_frame(self.period_s, self.faults, frame)
         feedback = {
             "pressure1": self._snapshot.pressure1_kPa,
             "pressure2": self._snapshot.pressure2_kPa,
@@ -67,6 +74,8 @@ class JointNode:
 
     def encoder_deliveries(self) -> list[Delivery]:
         """Measure; return the encoder frame of this period as the faults let it out."""
+        if self._canopen is not None and not self._canopen.encoder.operational:
+            return []
         truth = self._snapshot
         angle, velocity = self._encoder.measure(truth.angle_rad, truth.velocity_rad_s)
         angle, velocity = self.faults.measured(self._frame, angle, velocity)
@@ -87,13 +96,31 @@ class JointNode:
 
     def receive(self, message: can.Message, offset_s: float) -> bool:
         """Take a frame that arrived `offset_s` into the period; return whether it is a command."""
+        if self._canopen is not None:
+            self._replies += self._canopen.receive(message)
         if not self.valve_node.is_command(message):
             return False
+        if self._canopen is not None and not self._canopen.module.operational:
+            return True
         self.advance_to(offset_s)
         self._commands.append(self._frame, offset_s, bytes(message.data))
         if self.valve_node.receive(bytes(message.data)):
             self._plant.command(self.valve_node.u1_V, self.valve_node.u2_V)
         return True
+
+    @property
+    def waits_for_start(self) -> bool:
+        """Whether a CANopen device still waits to be started: it sends no encoder frame."""
+        return self._canopen is not None and self._canopen.waits_for_start
+
+    def idle_messages(self, duration_s: float) -> list[can.Message]:
+        """Let time pass before the first frame; return what CANopen devices say of their own."""
+        return [] if self._canopen is None else self._canopen.idle(duration_s)
+
+    def take_replies(self) -> list[can.Message]:
+        """Return what the frames received so far are answered with, each once."""
+        replies, self._replies = self._replies, []
+        return replies
 
     def advance_to(self, offset_s: float) -> None:
         """Let plant and valve node run up to `offset_s`; the node's time-out strikes on its way."""

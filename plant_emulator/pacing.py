@@ -53,6 +53,31 @@ class Pacing:
             except (can.CanError, OSError):
                 self.counts.receive_errors += 1
 
+    def _start_nodes(self, limit_s: float) -> bool:
+        """Wait until CANopen nodes, if the rig has any, are started: before that there is no
+        encoder frame to count. Return whether the run may begin.
+
+        Raises EmulatorError if nobody starts them within `limit_s`.
+        """
+        begin_s = time.monotonic()
+        while self._node.waits_for_start and not self._stop.is_set():
+            if time.monotonic() - begin_s > limit_s:
+                raise EmulatorError(
+                    f"nobody started the CANopen nodes within {limit_s:g} s; is a daemon with "
+                    "bus.nmt_start on this bus?"
+                )
+            for message in self._node.idle_messages(self._node.period_s):
+                self._send(message)
+            message = self._receive(self._node.period_s)
+            if message is not None:
+                self._node.receive(message, 0.0)
+                self._reply()
+        return not self._stop.is_set()
+
+    def _reply(self) -> None:
+        for reply in self._node.take_replies():
+            self._send(reply)
+
 
 class LockStep(Pacing):
     """Sends frame k, waits for one command per encoder frame sent, steps exactly one period.
@@ -72,6 +97,8 @@ class LockStep(Pacing):
         Raises EmulatorError if the bus fails or no answer comes within ANSWER_LIMIT_S.
         """
         node = self._node
+        if frame == 0 and not self._start_nodes(ANSWER_LIMIT_S):
+            return None
         self._bus_faults.begin_frame(frame, self._send)
         for message in node.begin_frame(frame):
             self._send(message)
@@ -97,6 +124,15 @@ class LockStep(Pacing):
         except (can.CanError, OSError) as error:
             raise EmulatorError(f"the bus does not take frames: {_reason(error)}") from None
 
+    def _receive(self, timeout_s: float) -> can.Message | None:
+        try:
+            return self._bus.recv(timeout_s)
+        except (can.CanError, OSError) as error:
+            if not isinstance(error.__cause__ or error, OSError):
+                self.counts.receive_errors += 1  # a datagram that is no CAN frame
+                return None
+            raise EmulatorError(f"the bus cannot be read: {_reason(error)}") from None
+
     def _await_answer(self, frame: int) -> bool:
         limit = time.monotonic() + ANSWER_LIMIT_S
         while not self._stop.is_set():
@@ -106,14 +142,10 @@ class LockStep(Pacing):
                     f"no valve command answered encoder frame {frame} within {ANSWER_LIMIT_S:g} s; "
                     "is a daemon in lock-step on this bus?"
                 )
-            try:
-                message = self._bus.recv(min(left, _WAIT_SLICE_S))
-            except (can.CanError, OSError) as error:
-                if not isinstance(error.__cause__ or error, OSError):
-                    self.counts.receive_errors += 1  # a datagram that is no CAN frame
-                    continue
-                raise EmulatorError(f"the bus cannot be read: {_reason(error)}") from None
-            if message is not None and self._node.receive(message, 0.0):
+            message = self._receive(min(left, _WAIT_SLICE_S))
+            is_command = message is not None and self._node.receive(message, 0.0)
+            self._reply()
+            if is_command:
                 return True
         return False
 
@@ -146,6 +178,8 @@ class RealTime(Pacing):
     def exchange(self, frame: int) -> TruthRow | None:
         """Run one period; return its truth, or None if the run was asked to stop."""
         node = self._node
+        if frame == 0 and not self._start_nodes(math.inf):
+            return None
         instant_s = self._await_instant(frame)
         if self._stop.is_set():
             return None
@@ -213,7 +247,9 @@ class RealTime(Pacing):
                 continue
             if self._begins_next_period(message):
                 return answered_s
-            if node.receive(message, min(max(now_s - instant_s, 0.0), period_s)):
+            is_command = node.receive(message, min(max(now_s - instant_s, 0.0), period_s))
+            self._reply()
+            if is_command:
                 answered_s = now_s if math.isnan(answered_s) else answered_s
             if now_s >= instant_s + period_s:
                 return answered_s
@@ -259,6 +295,7 @@ class SyncPaced(RealTime):
             message = self._receive(_WAIT_SLICE_S)
             if message is not None and not self._begins_next_period(message):
                 self._node.receive(message, 0.0)  # late for the period before, in time for this one
+                self._reply()
         self._sync_waits = False
         return time.monotonic()
 

@@ -2,7 +2,7 @@
 
 A frame counts if length and CRC are right and its rolling counter has moved. Without a frame that
 counts for `timeout_s`, before the first one, and with the enable bit at 0 the node applies its safe
-voltage to both valves.
+voltages; a safe voltage of None leaves that valve as it is.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class ValveNode:
     def __init__(self, codec: MessageCodec, safe_V: float, timeout_s: float) -> None:
         """Start in the safe state: no command has come yet."""
         self._codec = codec
-        self._safe_V = safe_V
-        self._timeout_s = timeout_s
+        self.safe_V: tuple[float | None, float | None] = (safe_V, safe_V)
+        self.timeout_s = timeout_s
         self._age_s = timeout_s
         self._last_counter: int | None = None
         self._refused_since_feedback = False
@@ -79,19 +79,24 @@ class ValveNode:
         return False
 
     @property
+    def gave_up(self) -> bool:
+        """Whether commands came once and then stopped."""
+        return self.timed_out and self.counts.accepted > 0
+
+    @property
     def time_left_s(self) -> float:
         """Seconds until the node gives up waiting; 0 if it has."""
-        return 0.0 if self.timed_out else max(0.0, self._timeout_s - self._age_s)
+        return 0.0 if self.timed_out else max(0.0, self.timeout_s - self._age_s)
 
     def elapse(self, duration_s: float) -> bool:
         """Let time pass; return whether the time-out struck in it."""
         if self.timed_out:
             return False
         self._age_s += duration_s
-        if self._age_s < self._timeout_s - _AGE_TOLERANCE_S:
+        if self._age_s < self.timeout_s - _AGE_TOLERANCE_S:
             return False
         self.timed_out = True
-        self.u1_V = self.u2_V = self._safe_V
+        self._go_safe()
         return True
 
     def take_status(self) -> int:
@@ -116,4 +121,9 @@ class ValveNode:
         if self._enabled:
             self.u1_V, self.u2_V = values["u1"], values["u2"]
         else:
-            self.u1_V = self.u2_V = self._safe_V
+            self._go_safe()
+
+    def _go_safe(self) -> None:
+        u1_V, u2_V = self.safe_V
+        self.u1_V = self.u1_V if u1_V is None else u1_V
+        self.u2_V = self.u2_V if u2_V is None else u2_V

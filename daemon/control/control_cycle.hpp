@@ -64,6 +64,10 @@ class ControlCycle {
   // A frame of a monitored message (valve feedback, heartbeat, emergency, E-stop, identity), when
   // it arrives; it counts for the next step(). Any other frame is ignored.
   void observe(const Frame& frame) noexcept { monitor_codec_.observe(frame); }
+  // At rest only: a node that starts anew in mid-motion would follow commands that are not for it.
+  bool asks_for_start(const Frame& frame) const noexcept {
+    return at_rest() && monitor_codec_.asks_for_start(frame);
+  }
 
   // One call per period. A frame that repeats the last counter does not count as a period the first
   // time: the record keeps its cycle, the last decision is sent again.

@@ -150,6 +150,14 @@ struct IdentityLayout : MonitoredLayout {
   SignalLayout inputs_crc32;
 };
 
+// CANopen's command that starts the nodes. Present: a node whose heartbeat says another state than
+// `operational_raw` obeys no command, and counts as lost.
+struct NodeStart {
+  bool present = false;
+  Frame frame;
+  std::uint64_t operational_raw = 5;
+};
+
 // Thresholds and actions of the fault matrix. Names are the keys of section [safety]; times are
 // rounded to periods. 0 switches those off that say so.
 struct SafetyConfig {
@@ -177,6 +185,7 @@ struct SafetyConfig {
   std::int32_t tx_unconfirmed_periods = 2;
   std::int32_t send_refused_frames = 2;
   double heartbeat_timeout_s = 0.35;
+  double e_stop_timeout_s = 0.0;  // 0: its message only comes when the button moves
   double supply_pressure_min_kPa = -std::numeric_limits<double>::infinity();
   double supply_pressure_max_kPa = std::numeric_limits<double>::infinity();
   double supply_pressure_s = 0.1;  // so long out of range, or unknown
@@ -201,6 +210,7 @@ struct ControllerConfig {
   EmergencyLayout emergency;
   EStopLayout e_stop;
   IdentityLayout identity;
+  NodeStart node_start;
   std::uint32_t inputs_crc32 = 0;  // of the rig the law was designed for
   bool trigger_on_sync = false;
 };

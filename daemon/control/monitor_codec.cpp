@@ -21,6 +21,13 @@ double value_of(const Frame& frame, const SignalLayout& signal) noexcept {
 
 }  // namespace
 
+bool MonitorCodec::asks_for_start(const Frame& frame) const noexcept {
+  const HeartbeatLayout& layout = config_.heartbeat;
+  return config_.node_start.present && layout.state.present && is(layout, frame) &&
+         intact(layout, frame) &&
+         extract_bits(frame.data, layout.state) != config_.node_start.operational_raw;
+}
+
 void MonitorCodec::observe(const Frame& frame) noexcept {
   if (is(config_.valve_feedback, frame)) {
     if (!intact(config_.valve_feedback, frame)) return;
@@ -30,7 +37,7 @@ void MonitorCodec::observe(const Frame& frame) noexcept {
     sample_.supply_pressure_kPa = value_of(frame, config_.valve_feedback.supply_pressure);
   } else if (is(config_.heartbeat, frame)) {
     if (!intact(config_.heartbeat, frame)) return;
-    sample_.heartbeat_seen = true;
+    sample_.heartbeat_seen = !asks_for_start(frame);
     const SignalLayout& state = config_.heartbeat.state;
     if (state.present && extract_bits(frame.data, state) == 0) sample_.emergency_over = true;
   } else if (is(config_.emergency, frame)) {

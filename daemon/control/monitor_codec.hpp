@@ -15,7 +15,7 @@ struct MonitorSample {
   double pressure1_kPa = 0.0;  // of the newest feedback ever; 0 before
   double pressure2_kPa = 0.0;
   double supply_pressure_kPa = 0.0;
-  bool heartbeat_seen = false;
+  bool heartbeat_seen = false;   // of a node that is operational
   bool emergency = false;        // an error was reported since the last period
   bool emergency_over = false;   // the newest word on it: no error, or the node has started anew
   bool e_stop = false;           // pressed at any time since the last period
@@ -28,6 +28,8 @@ class MonitorCodec {
  public:
   explicit MonitorCodec(const ControllerConfig& config) noexcept : config_(config) {}
 
+  // A heartbeat of a node that has not been started.
+  bool asks_for_start(const Frame& frame) const noexcept;
   // A frame of no monitored message is ignored.
   void observe(const Frame& frame) noexcept;
   // The sample of the period that ends now; the next one begins.

@@ -83,6 +83,7 @@ LoopCounters ControlLoop::counters() const noexcept {
 }
 
 void ControlLoop::run() noexcept EAMPC_NONBLOCKING {
+  start_nodes();
   if (config_.trigger_on_sync && !settings_.lockstep) {
     run_on_sync();
   } else {
@@ -187,7 +188,10 @@ bool ControlLoop::take_frame(Arrival& arrival) noexcept {
     ReceivedFrame received;
     const BusEvent event = bus_.receive(received, now);
     if (event == BusEvent::kNothing) break;
-    if (event == BusEvent::kMonitored) cycle_.observe(received.frame);
+    if (event == BusEvent::kMonitored) {
+      cycle_.observe(received.frame);
+      if (cycle_.asks_for_start(received.frame)) start_nodes();
+    }
     if (event != BusEvent::kFrame) continue;
     count(cells_.encoder_frames);
     if (found) {
@@ -299,6 +303,10 @@ void ControlLoop::send_sync() noexcept {
     control::insert_bits(frame.data, config_.sync.counter, sync_counter_++);
   }
   bus_.sync(frame, bus_now());
+}
+
+void ControlLoop::start_nodes() noexcept {
+  if (config_.node_start.present) bus_.sync(config_.node_start.frame, bus_now());
 }
 
 // In lock-step the frames are the time, here as everywhere.

@@ -128,6 +128,7 @@ class ControlLoop {
   void run_cycle(const control::Frame* frame, const Arrival& arrival) noexcept;
   void run_cycle_without_frame(std::int64_t noticed_at) noexcept;
   void send_sync() noexcept;
+  void start_nodes() noexcept;
   void miss_deadline() noexcept;
   std::int64_t bus_now() const noexcept;
   void sleep_until(std::int64_t instant) const noexcept;

@@ -275,6 +275,22 @@ void read_monitored(const LawValue& bus, ControllerConfig& config) {
   }
 }
 
+void read_node_start(const LawValue& bus, control::NodeStart& out) {
+  const std::optional<LawValue> message = bus.find("nmt_start");
+  out.present = message.has_value();
+  if (!message) return;
+  out.frame.extended = message->at("extended").boolean();
+  out.frame.id = static_cast<std::uint32_t>(
+      message->at("id").integer(0, out.frame.extended ? 0x1FFFFFFF : 0x7FF));
+  out.frame.length = static_cast<std::uint8_t>(message->at("length").small_integer(0, 8));
+  const std::int64_t raw =
+      message->at("data_raw").integer(0, std::numeric_limits<std::int64_t>::max());
+  for (std::size_t i = 0; i < out.frame.length; ++i) {
+    out.frame.data[i] = static_cast<std::uint8_t>(raw >> (8 * i));
+  }
+  out.operational_raw = static_cast<std::uint64_t>(message->at("operational_raw").integer(0, 255));
+}
+
 void check_covers(const LawValue& message, const char* name, const SignalLayout& layout,
                   const ControllerConfig& config) {
   const LawValue signal = message.at("signals").at(name);
@@ -343,6 +359,7 @@ void read_bus(const LawValue& bus, ControllerConfig& config) {
     }
   }
   read_monitored(bus, config);
+  read_node_start(bus, config.node_start);
   if (config.trigger_on_sync && !config.sync.present) {
     bus.fail("has no sync message, but timing.trigger is \"sync\"");
   }

@@ -87,6 +87,18 @@ class IdentityMessage(Section):
     crc_signal: Name | None = None
 
 
+class NmtStartMessage(Section):
+    """Table bus.nmt_start: CANopen's command that starts the nodes. The daemon sends it at its own
+    start and, at rest, to a node whose heartbeat says that it is not operational; node 0 is all."""
+
+    message: Name
+    command_signal: Name
+    node_signal: Name
+    command: Annotated[int, Field(ge=0, le=255)] = 1
+    node: Annotated[int, Field(ge=0, le=127)] = 0
+    operational_raw: Annotated[int, Field(ge=0, le=255)] = 5
+
+
 class BusSection(Section):
     """Section [bus]. The daemon monitors the messages that have a table here; the emulator also
     sends the DBC's message Heartbeat where there is no bus.heartbeat."""
@@ -100,3 +112,4 @@ class BusSection(Section):
     emergency: EmergencyMessage | None = None
     e_stop: EStopMessage | None = None
     identity: IdentityMessage | None = None
+    nmt_start: NmtStartMessage | None = None

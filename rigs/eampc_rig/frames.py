@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import cantools
@@ -28,6 +28,7 @@ MESSAGES = (
     "emergency",
     "e_stop",
     "identity",
+    "nmt_start",
 )
 
 
@@ -43,12 +44,15 @@ class Frames:
     emergency: MessageCodec | None = None
     e_stop: MessageCodec | None = None
     identity: MessageCodec | None = None
+    nmt_start: MessageCodec | None = None
+    nmt_start_values: Mapping[str, int] = field(default_factory=dict)
     e_stop_released_raw: int = 0
     heartbeat_monitored: bool = False  # False: only the DBC has one
 
     def layout(self) -> dict[str, Any]:
         """Return the `bus` table of the law file: encoder, valve_command, sync, and the monitored
-        messages valve_feedback, heartbeat, emergency, e_stop (with released_raw), identity; None
+        messages valve_feedback, heartbeat, emergency, e_stop (with released_raw), identity; and
+        nmt_start with the frame's bytes (data_raw, the first one lowest) and operational_raw. None
         where the rig has none."""
         sync = None
         if self.sync is not None:
@@ -68,6 +72,20 @@ class Frames:
             "emergency": _layout(self.emergency),
             "e_stop": _layout(self.e_stop, released_raw=self.e_stop_released_raw),
             "identity": _layout(self.identity),
+            "nmt_start": self._nmt_start_layout(),
+        }
+
+    def _nmt_start_layout(self) -> dict[str, Any] | None:
+        codec, values = self.nmt_start, self.nmt_start_values
+        if codec is None:
+            return None
+        data = codec.encode({"command": values["command"], "node": values["node"]})
+        return {
+            "id": codec.frame_id,
+            "extended": codec.is_extended,
+            "length": codec.length,
+            "data_raw": int.from_bytes(data, "little"),
+            "operational_raw": values["operational_raw"],
         }
 
 
@@ -91,6 +109,10 @@ def resolve_frames(rig: Rig) -> Frames:
         emergency=_optional(rig, database, "emergency", rig.bus.emergency),
         e_stop=_optional(rig, database, "e_stop", rig.bus.e_stop),
         identity=_optional(rig, database, "identity", rig.bus.identity),
+        nmt_start=_optional(rig, database, "nmt_start", rig.bus.nmt_start),
+        nmt_start_values={}
+        if rig.bus.nmt_start is None
+        else rig.bus.nmt_start.model_dump(include={"command", "node", "operational_raw"}),
         e_stop_released_raw=0 if rig.bus.e_stop is None else rig.bus.e_stop.released_raw,
         heartbeat_monitored=rig.bus.heartbeat is not None,
     )

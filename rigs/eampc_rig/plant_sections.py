@@ -71,6 +71,13 @@ class BoucWenSection(Section):
     exponent: Annotated[float, Field(ge=1.0)] = 1.0
 
 
+class CanopenSection(Section):
+    """Table emulator.canopen: encoder and valves are CANopen devices with these node numbers."""
+
+    encoder_node: Annotated[int, Field(ge=1, le=127)]
+    module_node: Annotated[int, Field(ge=1, le=127)]
+
+
 class EmulatorSection(Section):
     """Section [emulator]: the plant that stands in for the rig; nothing here reaches the law.
 
@@ -92,4 +99,5 @@ class EmulatorSection(Section):
     end_stop_rad: Positive | None = None
     coulomb_friction_N_m: NonNegative = 0.0
     bouc_wen: BoucWenSection | None = None
+    canopen: CanopenSection | None = None
     disturbance: Annotated[tuple[DisturbanceTerm, ...], Field(strict=False)] = ()

@@ -71,11 +71,14 @@ def judge_wire(rig: Rig, commands: Recording, armings: Sequence[int]) -> WireFig
     each of them once, and never otherwise."""
     valve, period_s = rig.valve, rig.control.period_s
     valid = commands.where(commands["valid"] == 1.0)
-    frame, enable = valid["frame"], valid["enable"] == 1.0
     voltages = np.column_stack([valid["u1_V"], valid["u2_V"]])
+    frame = valid["frame"]
+    # Without an enable bit (CANopen's analogue outputs) the safe voltage alone means disabled.
+    at_safe = np.all(np.abs(voltages - valve.safe_V) <= ROUNDING_V, axis=1)
+    enable = np.where(np.isnan(valid["enable"]), ~at_safe, valid["enable"] == 1.0)
     beyond = (voltages < valve.min_V - 1e-9) | (voltages > valve.max_V + 1e-9)
     # A disabled node is to apply its safe voltage; the frame says the same.
-    unsafe = ~enable & np.any(np.abs(voltages - valve.safe_V) > ROUNDING_V, axis=1)
+    unsafe = ~enable & ~at_safe
     steps = np.maximum(1.0, np.diff(frame))
     allowed_V = valve.slew_max_V_per_s * period_s * steps + ROUNDING_V
     moved_V = np.max(np.abs(np.diff(voltages, axis=0)), axis=1) if len(frame) > 1 else np.empty(0)
@@ -192,7 +195,8 @@ def _deviation(
     for shift in range(-slack, slack + 1):
         of = expected[np.clip(rows + shift, 0, len(expected) - 1)]
         here = np.maximum(np.abs(wire["u1_V"] - of[:, 0]), np.abs(wire["u2_V"] - of[:, 1]))
-        distance = np.minimum(distance, np.where(wire["enable"] == of[:, 2], here, np.inf))
+        same = np.isnan(wire["enable"]) | (wire["enable"] == of[:, 2])
+        distance = np.minimum(distance, np.where(same, here, np.inf))
     return float(np.max(distance))
 
 
