@@ -1,21 +1,23 @@
-"""The queue of vcan0 made to hold frames back, and a witness of what leaves it.
+"""The queue of a CAN interface made to hold frames back, and a witness of what leaves it.
 
 vcan is loaded with echo=1 (tools/vcanrun --echo): nobody, the sender included, sees a frame before
 it has left the queue, as on hardware.
 """
 
 import contextlib
+import os
 import re
 import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-INTERFACE = "vcan0"
+# tools/driver-lane runs the same tests on a real driver's can0.
+INTERFACE = os.environ.get("EAMPC_TEST_INTERFACE", "vcan0")
 SO_PRIORITY = 12  # socket(7); Python has no name for it
 # sch_prio's map sends sockets of priority 6 to the first band, others' frames to the second.
 UNHINDERED = 6
-_LINE = re.compile(r"^\((\d+\.\d+)\) vcan0 ([0-9A-F]+)#([0-9A-F]*)$")
+_LINE = re.compile(r"^\((\d+\.\d+)\) \S+ ([0-9A-F]+)#([0-9A-F]*)$")
 
 
 def tc(*words: str) -> None:
@@ -44,7 +46,7 @@ def plug(action: str) -> None:
 
 
 class Witness:
-    """candump -L of vcan0."""
+    """candump -L of the interface."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -21,8 +21,8 @@ from toy_daemon import Daemon, EncoderNode
 
 pytestmark = [pytest.mark.vcan, pytest.mark.timeout(300)]
 BARE_SENDER = """
-import can, time
-bus = can.Bus(interface="socketcan", channel="vcan0")
+import can, sys, time
+bus = can.Bus(interface="socketcan", channel=sys.argv[1])
 for i in range(20):
     bus.send(can.Message(arbitration_id=0x201, is_extended_id=False, data=[i] * 8))
 print("sent", flush=True)
@@ -61,7 +61,9 @@ def test_without_the_rule_every_command_is_replayed(plugged, tmp_path):
     """What the rule is for, shown once with a sender that knows none."""
     with witness(tmp_path / "bus.log") as seen:
         plug("block")
-        sender = subprocess.Popen([sys.executable, "-c", BARE_SENDER], stdout=subprocess.PIPE)
+        sender = subprocess.Popen(
+            [sys.executable, "-c", BARE_SENDER, INTERFACE], stdout=subprocess.PIPE
+        )
         assert sender.stdout.readline() == b"sent\n"
         sender.kill()
         sender.wait()
@@ -130,7 +132,9 @@ def test_two_bus_offs_within_a_second_replay_nothing(plugged, tmp_path):
 def test_what_an_earlier_process_left_is_purged_at_the_start(plugged, tmp_path):
     with witness(tmp_path / "bus.log") as seen:
         plug("block")
-        sender = subprocess.Popen([sys.executable, "-c", BARE_SENDER], stdout=subprocess.PIPE)
+        sender = subprocess.Popen(
+            [sys.executable, "-c", BARE_SENDER, INTERFACE], stdout=subprocess.PIPE
+        )
         assert sender.stdout.readline() == b"sent\n"
         sender.kill()
         sender.wait()

@@ -194,6 +194,13 @@ def test_a_killed_runner_leaves_nothing(tmp_path, number):
     assert wait_for(lambda: not list(scratch.iterdir()), 10.0)
 
 
+def test_controllers_need_the_machine_that_has_them(tmp_path):
+    options = ["--controllers", "2", "--backend", "uml"]
+    done = run("true", cwd=tmp_path, options=options)
+    assert done.returncode == 125
+    assert done.stderr == "vcanrun: --controllers needs --backend qemu, not uml\n"
+
+
 @pytest.mark.parametrize("backend", ["uml", "qemu"])
 def test_a_missing_backend_gives_125_and_one_sentence(tmp_path, backend):
     package = {"uml": "user-mode-linux", "qemu": "qemu-system-x86"}[backend]

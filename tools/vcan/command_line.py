@@ -43,6 +43,14 @@ def _parser() -> argparse.ArgumentParser:
         "--buses", type=_bus_count, default=1, metavar="N", help="vcan0 .. vcanN-1 (default 1)"
     )
     parser.add_argument(
+        "--controllers",
+        type=_bus_count,
+        default=0,
+        metavar="N",
+        help="also can0 .. canN-1 at 1 Mbit/s on one bus: emulated hardware with its real driver "
+        "(qemu only)",
+    )
+    parser.add_argument(
         "--echo",
         action="store_true",
         help="only a vcan that echoes a frame when it leaves its queue, as hardware does (a "
@@ -112,12 +120,17 @@ def _request(options: argparse.Namespace) -> RunRequest:
         memory=options.mem,
         writable=writable,
         verbose=options.verbose,
+        controllers=options.controllers,
         echo=options.echo,
     )
 
 
 def _run(backend: str, request: RunRequest) -> int | None:
     refusals = []
+    if request.controllers:
+        if backend not in ("auto", qemu.NAME):
+            raise RunnerError(f"--controllers needs --backend qemu, not {backend}")
+        backend = qemu.NAME
 
     def say(name: str, reason: str) -> None:
         if request.verbose:

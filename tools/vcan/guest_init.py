@@ -30,6 +30,13 @@ set_up_network() {
       || fail "the kernel makes no vcan$i"
     i=$((i + 1))
   done
+  i=0
+  while [ $i -lt ${CONTROLLERS:-0} ]; do
+    # iproute2's: busybox's ip knows no bit rate.
+    $BB chroot "$R" /usr/bin/env ip link set can$i up txqueuelen 10 type can bitrate 1000000 \
+      || fail "can$i does not come up"
+    i=$((i + 1))
+  done
 }
 # Pipes between the command and the lines: the command may reopen /dev/stdout, and the last close
 # of a line drains it before the power goes. Descriptor 9 is the control line for the whole run.
@@ -113,6 +120,9 @@ def for_uml(busybox: str, run_dir: Path, buses: int, modules: list[str], rw: lis
     return _script(_UML, settings | {"BUSES": str(buses), "MODULES": " ".join(modules)}, rw)
 
 
-def for_qemu(run_dir: Path, buses: int, modules: list[str], rw: list[Path]) -> str:
+def for_qemu(
+    run_dir: Path, buses: int, controllers: int, modules: list[str], rw: list[Path]
+) -> str:
     settings = {"BB": "/bin/busybox", "RUN": str(run_dir), "T": "/t"}
+    settings["CONTROLLERS"] = str(controllers)
     return _script(_QEMU, settings | {"BUSES": str(buses), "MODULES": " ".join(modules)}, rw)

@@ -17,6 +17,8 @@ CAN = [
     *("can", "can-raw", "can-bcm", "can-gw", "can-dev", "vcan", "vxcan"),
     *("sch_tbf", "sch_netem", "sch_plug", "sch_prio"),
 ]
+# The driver of QEMU's emulated PCI board, an SJA1000 behind it.
+CONTROLLER = ["sja1000", "kvaser_pci"]
 # A guest's vcan echoes a frame when it leaves the queue, as a driver of hardware does. Without it
 # the kernel hands an own frame back before it is queued at all.
 OPTIONS = {"vcan": "echo=1"}

@@ -105,8 +105,11 @@ def _initial_files(request: RunRequest, run_dir: Path, kernel: Path) -> bytes:
     version = kernel.name.removeprefix("vmlinuz-")
     root = kernel.parent.parent
     trees = [root / "lib/modules" / version, root / "usr/lib/modules" / version]
-    modules = kernel_modules.in_load_order(next(filter(Path.is_dir, trees)), MODULES)
-    init = guest_init.for_qemu(run_dir, request.buses, list(modules), request.writable)
+    wanted = [*MODULES, *(kernel_modules.CONTROLLER if request.controllers else [])]
+    modules = kernel_modules.in_load_order(next(filter(Path.is_dir, trees)), wanted)
+    init = guest_init.for_qemu(
+        run_dir, request.buses, request.controllers, list(modules), request.writable
+    )
     busybox = Path(program("busybox", "busybox-static")).read_bytes()
     directory, executable, no_device = 0o040755, 0o100755, (0, 0)
     files = {name: (directory, b"", no_device) for name in DIRECTORIES}
@@ -133,6 +136,9 @@ def prepare(request: RunRequest, run_dir: Path, fds: list[int]) -> Emulator:
     for i, fd in enumerate(fds):
         argv += ["-chardev", f"file,id=line{i},path=/dev/fd/{fd}"]
         argv += ["-device", f"virtserialport,chardev=line{i},nr={i + 1}"]
+    if request.controllers:
+        argv += ["-object", "can-bus,id=wire"]
+        argv += ["-device", "kvaser_pci,canbus=wire"] * request.controllers
     argv += _share("host", "/", ",readonly=on")
     for i, path in enumerate(request.writable):
         argv += _share(f"rw{i}", str(path), "")

@@ -26,6 +26,7 @@ class RunRequest:
     memory: str
     writable: list[Path]
     verbose: bool
+    controllers: int = 0  # emulated hardware, can0 .. on one bus
     echo: bool = False  # a vcan that echoes a frame when it leaves the queue
     cwd: Path = field(default_factory=lambda: Path.cwd().resolve())
 

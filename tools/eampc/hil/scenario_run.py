@@ -74,6 +74,7 @@ class RunSettings:
     law: Path
     lcm_url: str
     faults: tuple[TimedFault, ...] = ()
+    plant_bus_url: str | None = None  # where two interfaces share one wire; None: bus_url
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,8 @@ def _daemon_command(settings: RunSettings, socket: Path, record: Path) -> list[s
 def _emulator_command(
     settings: RunSettings, scenario_name: str, times: Timetable, truth: Path
 ) -> list[str]:
-    command = [*emulator_command(), str(settings.rig_path), "--bus", settings.bus_url]
+    command = [*emulator_command(), str(settings.rig_path)]
+    command += ["--bus", settings.plant_bus_url or settings.bus_url]
     if settings.variant:
         command += ["--variant", settings.variant]
     for override in (*settings.overrides, *settings.emulator_overrides):
