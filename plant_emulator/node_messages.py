@@ -53,7 +53,8 @@ class NodeMessages:
             return []
         pressed = self._faults.holds("e_stop", frame)
         changed, self._pressed = pressed != self._pressed, pressed
-        if not (due or changed or pressed):
+        silent = self._faults.holds("e_stop_silent", frame)
+        if silent or not (due or changed or pressed):
             return []
         released = self._frames.e_stop_released_raw
         layout = codec.signal_layout("stop")

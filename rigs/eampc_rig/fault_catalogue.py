@@ -132,6 +132,10 @@ def _heartbeat(rig: Rig) -> int:
     return _periods(rig, rig.safety.heartbeat_timeout_s)
 
 
+def _e_stop_silent(rig: Rig) -> int:
+    return _periods(rig, rig.safety.e_stop_timeout_s)
+
+
 def _passive(rig: Rig) -> int:
     return _periods(rig, rig.safety.error_passive_s)
 
@@ -242,6 +246,13 @@ CATALOGUE: tuple[CatalogueEntry, ...] = (
     CatalogueEntry(
         "e_stop", "e_stop", "the emergency stop is pressed, and released at the end", _at_once,
         "bus.e_stop",
+    ),
+    CatalogueEntry(
+        "e_stop_silent",
+        "e_stop",
+        "the emergency stop's own frames stop, as if its cable were cut",
+        _e_stop_silent,
+        "safety.e_stop_timeout_s",
     ),
     CatalogueEntry(
         "law_mismatch",

@@ -58,6 +58,11 @@ def test_e_stop_is_told_at_once_and_every_period_while_it_is_pressed(reference_r
     assert told == {0: 0, 7: 1, 8: 1, 9: 1, 10: 0, 20: 0}
 
 
+def test_silent_e_stop(reference_rig: Rig) -> None:
+    told = signal(said_by(reference_rig, 50, "e_stop_silent@15:10"), "EStop", "Stop")
+    assert told == {0: 0, 40: 0}
+
+
 def test_emergency_is_told_once_and_taken_back(reference_rig: Rig) -> None:
     periods = said_by(reference_rig, 30, "emergency_message@5:4")
     assert signal(periods, "Emergency", "ErrorCode") == {5: 0x5000, 9: 0}

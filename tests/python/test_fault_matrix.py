@@ -51,7 +51,7 @@ def bring_to(bench: FaultBench, state: str, entry: CatalogueEntry) -> None:
     if state == "SOFT_STOP":
         bench.order("disarm")
     if state == "FAULT":
-        first = "emergency_message" if entry.name == "e_stop" else "e_stop"
+        first = "emergency_message" if entry.raises == "e_stop" else "e_stop"
         bench.faults.add(first, bench.frame, 1)
         bench.until("FAULT")
 
