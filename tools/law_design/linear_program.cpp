@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "law_design/extended_program.hpp"
+
 namespace eampc::law_design {
 namespace {
 
@@ -13,6 +15,8 @@ constexpr double kPivot = 1e-10;
 // Multipliers may slip below zero by this much before they are set to zero: a change of c far below
 // every tolerance used on the objective (1e-10 and more).
 constexpr double kSlip = 1e-13;
+// Of sums of up to dimension + 2 products, of their size, per dimension: 2 ε.
+constexpr double kRounding = 4.5e-16;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
@@ -28,6 +32,8 @@ LinearProgram::LinearProgram(int dimension)
       inverse_(index(dimension * dimension)),
       entering_(index(dimension)),
       alpha_(index(dimension)),
+      row_(index(dimension)),
+      sum_(index(dimension)),
       basis_rows_(index(dimension)) {}
 
 void LinearProgram::set_bounds(int j, double lower, double upper) {
@@ -38,30 +44,39 @@ void LinearProgram::set_bounds(int j, double lower, double upper) {
 LpResult LinearProgram::maximise(const double* c, std::span<const HalfSpaces* const> parts,
                                  double cutoff) {
   ++count_;
-  const LpResult result = attempt(c, parts, cutoff, perturbation_);
-  if (result.status != LpStatus::kFailed) return result;
-  // Another way through the vertices. The change of c is added to the value, so that it remains an
-  // upper bound.
-  constexpr double kSecond = 1e-11;
-  double most = 0.0;
-  for (int j = 0; j < dimension_; ++j) {
-    most += 1.5 * kSecond * std::max(std::abs(lower_[index(j)]), std::abs(upper_[index(j)]));
-  }
-  LpResult second = attempt(c, parts, cutoff - most, kSecond);
-  second.value += most;
-  return second;
-}
-
-LpResult LinearProgram::attempt(const double* c, std::span<const HalfSpaces* const> parts,
-                                double cutoff, double perturbation) {
-  int rows = 0;
-  for (const HalfSpaces* part : parts) rows = std::max(rows, part->size());
-  if (excess_.size() < index(rows)) excess_.resize(index(2 * rows));
   for (int j = 0; j < dimension_; ++j) {
     // A fixed irregular sequence: no two coordinates get the same ratio.
     const double jitter = 0.5 + std::fmod(0.6180339887498949 * (j + 1), 1.0);
-    c_[index(j)] = c[j] + (c[j] < 0.0 ? -perturbation : perturbation) * jitter;
+    c_[index(j)] = c[j] + (c[j] < 0.0 ? -perturbation_ : perturbation_) * jitter;
   }
+  const LpResult result = solve_quickly(parts, cutoff);
+  if (result.status != LpStatus::kFailed) return result;
+  ++careful_count_;
+  return solve_carefully(parts, cutoff);
+}
+
+// The whole program once more in extended precision.
+LpResult LinearProgram::solve_carefully(std::span<const HalfSpaces* const> parts, double cutoff) {
+  ExtendedProgram program(dimension_);
+  program.set_tolerance(tolerance_);
+  for (int j = 0; j < dimension_; ++j) program.set_bounds(j, lower_[index(j)], upper_[index(j)]);
+  for (const HalfSpaces* part : parts) {
+    for (int i = 0; i < part->size(); ++i) {
+      part->copy_normal(i, row_.data());
+      program.append(row_.data(), part->offset(i));
+    }
+  }
+  const std::vector<long double> c(c_.begin(), c_.end());
+  const LpResult result = program.maximise(c.data(), cutoff);
+  std::copy_n(program.point(), dimension_, x_.begin());
+  std::copy(program.basis().begin(), program.basis().end(), basis_rows_.begin());
+  return result;
+}
+
+LpResult LinearProgram::solve_quickly(std::span<const HalfSpaces* const> parts, double cutoff) {
+  int rows = 0;
+  for (const HalfSpaces* part : parts) rows = std::max(rows, part->size());
+  if (excess_.size() < index(rows)) excess_.resize(index(2 * rows));
   switch (dimension_) {
     case 2:
       return solve<2>(parts, cutoff);
@@ -159,6 +174,55 @@ bool LinearProgram::refactorise(std::span<const HalfSpaces* const> parts) {
   return true;
 }
 
+double LinearProgram::reach(int j) const {
+  return std::max(std::abs(lower_[index(j)]), std::abs(upper_[index(j)]));
+}
+
+// Weak duality with the multipliers as they are, which are not negative.
+double LinearProgram::dual_bound(std::span<const HalfSpaces* const> parts) {
+  const int n = dimension_;
+  std::copy(c_.begin(), c_.end(), sum_.begin());
+  double bound = 0.0;
+  double size = 0.0;
+  for (int k = 0; k < n; ++k) {
+    const double y = multipliers_[index(k)];
+    if (y == 0.0) continue;
+    double b = 0.0;
+    load_row(parts, basis_rows_[index(k)], row_.data(), &b);
+    bound += y * b;
+    size += y * std::abs(b);
+    for (int j = 0; j < n; ++j) {
+      sum_[index(j)] -= y * row_[index(j)];
+      size += y * std::abs(row_[index(j)]) * reach(j);
+    }
+  }
+  for (int j = 0; j < n; ++j) bound += std::abs(sum_[index(j)]) * reach(j);
+  return bound + kRounding * n * size;
+}
+
+// Farkas' lemma with the entering row a·x ≤ b and the rows of the basis that make it up (alpha).
+bool LinearProgram::contradict(std::span<const HalfSpaces* const> parts, double b) {
+  const int n = dimension_;
+  std::copy(entering_.begin(), entering_.end(), sum_.begin());
+  double sum = b;
+  double size = std::abs(b);
+  for (int j = 0; j < n; ++j) size += std::abs(entering_[index(j)]) * reach(j);
+  for (int k = 0; k < n; ++k) {
+    const double mu = -alpha_[index(k)];
+    if (mu <= 0.0) continue;
+    double offset = 0.0;
+    load_row(parts, basis_rows_[index(k)], row_.data(), &offset);
+    sum += mu * offset;
+    size += mu * std::abs(offset);
+    for (int j = 0; j < n; ++j) {
+      sum_[index(j)] += mu * row_[index(j)];
+      size += mu * std::abs(row_[index(j)]) * reach(j);
+    }
+  }
+  for (int j = 0; j < n; ++j) sum += std::abs(sum_[index(j)]) * reach(j);
+  return sum + kRounding * n * size < 0.0;
+}
+
 template <int N>
 LpResult LinearProgram::solve(std::span<const HalfSpaces* const> parts, double cutoff) {
   const int n = N > 0 ? N : dimension_;
@@ -184,7 +248,11 @@ LpResult LinearProgram::solve(std::span<const HalfSpaces* const> parts, double c
   for (int iteration = 0; iteration < limit; ++iteration) {
     double value = 0.0;
     for (int j = 0; j < n; ++j) value += c[j] * x[j];
-    if (value <= cutoff) return {LpStatus::kBelowCutoff, value};
+    if (value <= cutoff) {
+      if (iteration == 0) return {LpStatus::kBelowCutoff, value};  // the corner of the box
+      const double bound = dual_bound(parts);
+      if (bound <= cutoff) return {LpStatus::kBelowCutoff, bound};
+    }
     const Entering entering = most_violated<N>(parts);
     bool inside_basis = false;
     for (int k = 0; k < n; ++k) inside_basis |= basis_rows_[index(k)] == entering.row;
@@ -203,7 +271,9 @@ LpResult LinearProgram::solve(std::span<const HalfSpaces* const> parts, double c
         worst = std::max(worst, std::abs(b));
       }
       for (int j = 0; j < n; ++j) worst = std::max(worst, std::abs(alpha[j]));
-      if (worst < tolerance_ || (fresh && !inside_basis)) return {LpStatus::kOptimal, value};
+      if (worst < tolerance_ || (fresh && !inside_basis)) {
+        return {LpStatus::kOptimal, dual_bound(parts)};
+      }
       if (++restarts > 3 || fresh || !refactorise(parts)) break;
       fresh = true;
       continue;
@@ -228,8 +298,8 @@ LpResult LinearProgram::solve(std::span<const HalfSpaces* const> parts, double c
     }
     const double ratio = leaving < 0 ? 0.0 : y[leaving] / alpha[leaving];
     if (leaving < 0) {
-      if (fresh || iteration < n) return {LpStatus::kInfeasible, value};
-      if (++restarts > 3 || !refactorise(parts)) break;
+      if (contradict(parts, b)) return {LpStatus::kInfeasible, value};
+      if (fresh || ++restarts > 3 || !refactorise(parts)) break;
       fresh = true;
       continue;
     }

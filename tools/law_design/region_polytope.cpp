@@ -17,12 +17,7 @@ std::size_t index(int i) { return static_cast<std::size_t>(i); }
 }  // namespace
 
 RegionPolytopeMaker::RegionPolytopeMaker(int dimension)
-    : dimension_(dimension),
-      ball_(dimension + 1),
-      support_(dimension),
-      rows_(dimension),
-      ball_rows_(dimension + 1) {
-  ball_.set_bounds(dimension, -4.0, 2.0);
+    : dimension_(dimension), ball_(dimension), support_(dimension), rows_(dimension) {
   ball_.set_perturbation(1e-10);  // any centre nearly as good will do
 }
 
@@ -64,9 +59,9 @@ bool RegionPolytopeMaker::make(const HalfSpaces& rows, const std::vector<int>& l
   result = RegionPolytope{};
   result.facets = HalfSpaces(n);
   rows_.clear();
-  ball_rows_.clear();
+  ball_.clear();
   labels_.clear();
-  std::array<double, kMaxDimension + 1> a{};
+  Point a{};
   for (int i = 0; i < rows.size(); ++i) {
     rows.copy_normal(i, a.data());
     double reach = 0.0;
@@ -75,22 +70,12 @@ bool RegionPolytopeMaker::make(const HalfSpaces& rows, const std::vector<int>& l
     if (-reach > rows.offset(i) + 1e-11) return false;  // no point of the box satisfies it
     rows_.append(a.data(), rows.offset(i));
     labels_.push_back(labels[index(i)]);
-    a[index(n)] = 1.0;
-    ball_rows_.append(a.data(), rows.offset(i));
+    ball_.append(a.data(), rows.offset(i));
   }
   const int own_rows = rows_.size();
-  for (int side = 0; side < 2 * n; ++side) {
-    a.fill(0.0);
-    a[index(side / 2)] = side % 2 == 0 ? 1.0 : -1.0;
-    a[index(n)] = 1.0;
-    ball_rows_.append(a.data(), 1.0);
-  }
-  a.fill(0.0);
-  a[index(n)] = 1.0;
-  const LpResult ball = ball_.maximise(a.data(), ball_rows_);
-  if (ball.status != LpStatus::kOptimal) return false;
-  result.radius = ball_.point()[n];
-  for (int j = 0; j < n; ++j) result.centre[index(j)] = ball_.point()[j];
+  if (ball_.find().status != LpStatus::kOptimal) return false;
+  result.radius = ball_.radius();
+  std::copy_n(ball_.centre(), n, result.centre.begin());
   if (result.radius < least_radius) return false;
   const double cut = std::clamp(0.01 * result.radius, 2.0 * LinearProgram::kTolerance, kCut);
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "law_design/half_spaces.hpp"
+#include "law_design/largest_ball.hpp"
 #include "law_design/linear_program.hpp"
 #include "law_design/polytope.hpp"
 
@@ -31,15 +32,16 @@ class RegionPolytopeMaker {
   bool make(const HalfSpaces& rows, const std::vector<int>& labels, double least_radius,
             RegionPolytope& result);
 
-  long lp_count() const { return ball_.count() + support_.count(); }
+  long lp_count() const { return ball_.lp_count() + support_.count(); }
 
  private:
   int first_hit(const Point& direction, double* distance, bool* clear);
   void accept(int row, const Point& point, RegionPolytope& result);
 
   int dimension_;
-  LinearProgram ball_, support_;
-  HalfSpaces rows_, ball_rows_;
+  LargestBall ball_;
+  LinearProgram support_;
+  HalfSpaces rows_;
   std::vector<int> labels_;
   std::vector<double> slack_;
   std::vector<char> known_;
