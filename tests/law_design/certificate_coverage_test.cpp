@@ -108,6 +108,72 @@ TEST(CertificateCoverage, ProvesDegenerateChainsWithEqualAndRedundantRows) {
   EXPECT_GT(infeasible, 100);
 }
 
+// The nearest point to p with u1 ≤ 1, u2 ≤ 1 and the sum of both: beyond (1, 1) one solution has
+// the active sets {0, 1}, and {0, 2} on one side of the diagonal, {1, 2} on the other.
+MpQp nearest_in_a_corner() {
+  MpQp problem;
+  problem.H = Eigen::MatrixXd::Identity(2, 2);
+  problem.F = -Eigen::MatrixXd::Identity(2, 2);
+  problem.f = Eigen::VectorXd::Zero(2);
+  problem.G.resize(3, 2);
+  problem.G << 1.0, 0.0, 0.0, 1.0, 1.0, 1.0;
+  problem.w = Eigen::Vector3d(1.0, 1.0, 2.0);
+  problem.S = Eigen::MatrixXd::Zero(3, 2);
+  problem.lower = Eigen::VectorXd::Constant(2, -2.0);
+  problem.upper = Eigen::VectorXd::Constant(2, 3.0);
+  return problem;
+}
+
+TEST(CertificateCoverage, TakesEachWayToDivideASolutionOfDependentRows) {
+  const MpQp problem = nearest_in_a_corner();
+  const OutputLaw output = test::first_input(problem, 3.0);
+  const auto proof = [&](const Sets& corner) {
+    Sets sets = {{}, {0}, {1}};
+    sets.insert(sets.end(), corner.begin(), corner.end());
+    return certify(problem, output, sets);
+  };
+  for (const Sets& corner : {Sets{{0, 1}}, Sets{{0, 2}, {1, 2}}, Sets{{1, 2}, {0, 2}}}) {
+    const LawCertificate good = proof(corner);
+    EXPECT_TRUE(good.failure.empty()) << good.failure;
+    EXPECT_NEAR(good.coverage.volume, 1.0, 1e-14);
+  }
+  EXPECT_NE(proof({}).failure.find("is not in the list"), std::string::npos);
+  EXPECT_NE(proof({{0, 2}}).failure.find("is not in the list"), std::string::npos);
+  for (const Sets& twice : {Sets{{0, 1}, {0, 2}}, Sets{{0, 1}, {0, 2}, {1, 2}}}) {
+    EXPECT_NE(proof(twice).failure.find("overlap"), std::string::npos) << proof(twice).failure;
+  }
+}
+
+// Under a pyramid of four sides: its top belongs to four planes, and to {0, 1, 2} and {0, 2, 3} or
+// to {1, 2, 3} and {0, 1, 3}.
+TEST(CertificateCoverage, TakesEachWayToDivideTheTopOfAPyramid) {
+  MpQp problem;
+  problem.H = Eigen::MatrixXd::Identity(3, 3);
+  problem.F = -Eigen::MatrixXd::Identity(3, 3);
+  problem.f = Eigen::VectorXd::Zero(3);
+  problem.G.resize(4, 3);
+  problem.G << 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0, 1.0;
+  problem.w = Eigen::VectorXd::Ones(4);
+  problem.S = Eigen::MatrixXd::Zero(4, 3);
+  problem.lower = Eigen::VectorXd::Constant(3, -3.0);
+  problem.upper = Eigen::VectorXd::Constant(3, 4.0);
+  const OutputLaw output = test::first_input(problem, 3.0);
+  const auto proof = [&](const Sets& top) {
+    Sets sets = {{}, {0}, {1}, {2}, {3}, {0, 1}, {1, 2}, {2, 3}, {0, 3}};
+    sets.insert(sets.end(), top.begin(), top.end());
+    return certify(problem, output, sets);
+  };
+  for (const Sets& top : {Sets{{0, 1, 2}, {0, 2, 3}}, Sets{{1, 2, 3}, {0, 1, 3}}}) {
+    const LawCertificate good = proof(top);
+    EXPECT_TRUE(good.failure.empty()) << good.failure;
+    EXPECT_NEAR(good.coverage.volume, 1.0, 1e-12);
+    EXPECT_FALSE(proof({top[0]}).covered);
+    EXPECT_FALSE(proof({top[1]}).covered);
+  }
+  EXPECT_FALSE(proof({{0, 1, 2}, {0, 1, 3}}).covered) << "overlap in a quarter, hole in another";
+  EXPECT_FALSE(proof({{0, 1, 2}, {0, 2, 3}, {0, 1, 3}}).covered);
+}
+
 TEST(CertificateCoverage, IsTheSameForAnyNumberOfThreads) {
   const MpQp problem = test::benchmark_p5(10, 2.0);
   const OutputLaw output = test::first_input(problem, 4.0);

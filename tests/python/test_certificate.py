@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from eampc import law_design
+from eampc import _core, law_design
 from eampc.certificate import NOT_PROVED, PARTS, PROVED, certify
 from eampc.certificate_report import html_report, markdown_report
 from eampc.law import Law
@@ -32,6 +32,24 @@ def test_ready_laws_are_proved_and_say_so(name: str, variant: str | None) -> Non
 def test_the_proofs_do_not_depend_on_the_number_of_threads() -> None:
     law = law_of("paper-case1")
     assert certify(law, threads=1).figures == certify(law, threads=3).figures
+
+
+@pytest.mark.parametrize(("name", "variant"), RIGS)
+def test_programs_alone_come_to_the_same_verdict(name: str, variant: str | None) -> None:
+    """Without the comparisons of two pieces that save most linear programs."""
+    law = law_of(name, variant)
+    problem = law.problem
+    figures, _ = _core.certify_law(
+        *problem[:8],
+        output=_core.OutputLaw(
+            problem.output_U, problem.output_p, problem.output_offset, *law.control_range
+        ),
+        active_sets=law.payload["law"]["active_sets"],
+        tables=law.tables,
+        programs_only=True,
+    )
+    assert figures["proved"], figures["failure"]
+    assert figures["cells"] == law.payload["law"]["certificate"]["cells"]
 
 
 def test_progress_is_told_and_an_exception_in_it_ends_the_work() -> None:

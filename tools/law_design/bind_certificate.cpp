@@ -164,9 +164,8 @@ void bind_certificate(nb::module_& m) {
         "Returns (figures, seconds); figures[\"proved\"], and figures[\"failure\"] says in one\n"
         "sentence what is not. progress(part, done, all) is called now and then; returning False\n"
         "cancels. programs_only leaves out the comparisons that save most linear programs of the\n"
-        "evaluator's proof; it may refuse cells too thin for it. Raises ValueError for data that "
-        "make no "
-        "sense, Cancelled.");
+        "evaluator's proof; it may refuse cells too thin for it. Raises ValueError for data that\n"
+        "make no sense, Cancelled.");
   m.def("invariant_set", &invariant, "H"_a, "F"_a, "f"_a, "G"_a, "w"_a, "S"_a, "lower"_a, "upper"_a,
         "output"_a, "active_sets"_a, "A"_a, "B"_a, "A_parameters"_a, "input_offset"_a,
         "bound_rows"_a, "bounds"_a, "disturbance"_a, "samples"_a = 20000, "seed"_a = 1U,

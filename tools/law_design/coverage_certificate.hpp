@@ -12,8 +12,8 @@
 // form. Then all other conditions of both regions coincide in that plane, so both facets are the
 // same polytope, met from both sides: a match without a linear program, checked by comparing
 // coefficients. Dependent rows, several conditions that vanish in one plane, and flat regions that
-// the list leaves out are followed to the next region of the list, see facet_walk.hpp. The flat
-// ones found there are gaps: the law is checked on them like on the regions.
+// the list leaves out: see facet_walk.hpp and facet_cover.hpp. The flat ones found there are gaps:
+// the law is checked on them like on the regions.
 #pragma once
 
 #include <string>
@@ -38,7 +38,7 @@ struct CoverageCertificate {
 
   long facets = 0;             ///< not on the border of the box
   long matched = 0;            ///< by their active sets
-  long walked = 0;             ///< through dependent rows or gaps
+  long walked = 0;             ///< by polytopes and laws, or through dependent rows or gaps
   long infeasible_border = 0;  ///< proved by Farkas' lemma
   long uncovered = 0;
   long duplicates = 0;          ///< active sets listed twice

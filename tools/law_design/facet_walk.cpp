@@ -15,8 +15,6 @@ using Kind = FacetWalkResult::Kind;
 constexpr int kDeepest = 24;
 // Coefficients of a dependent row below this count as zero.
 constexpr double kZero = 1e-10;
-// Unit planes that differ by less are the same.
-constexpr double kCoincident = 1e-10;
 
 std::size_t index(Index i) { return static_cast<std::size_t>(i); }
 
@@ -70,65 +68,17 @@ std::size_t ActiveSetHash::operator()(const std::vector<int>& active) const {
 
 FacetWalk::FacetWalk(const CertificateProblem& problem, const std::vector<CertifiedRegion>& regions,
                      const ActiveSetIndex& known)
-    : problem_(problem), regions_(regions), index_(known), radius_(problem.parameters) {
-  radius_.set_bounds(problem.parameters - 1, -4.0, 2.0);
-}
-
-long FacetWalk::lp_count() const { return radius_.count(); }
+    : problem_(problem),
+      regions_(regions),
+      index_(known),
+      plane_(problem.parameters),
+      cover_(problem, regions) {}
 
 RegionCertifier& FacetWalk::certifier(int depth) {
   while (std::ssize(certifiers_) <= depth) {
     certifiers_.push_back(std::make_unique<RegionCertifier>(problem_));
   }
   return *certifiers_[index(depth)];
-}
-
-// Adds form·(q, 1) ≥ 0, restricted to the plane.
-void FacetWalk::append(Piece& piece, const long double* form) const {
-  const int np = problem_.parameters;
-  const int out = plane_.eliminated;
-  const long double factor = form[out] / plane_.normal[index(out)];
-  Point normal{};
-  long double norm = 0.0L;
-  for (int j = 0, at = 0; j < np; ++j) {
-    if (j == out) continue;
-    const long double a = -(form[j] - factor * plane_.normal[index(j)]);
-    norm += a * a;
-    normal[index(at++)] = static_cast<double>(a);
-  }
-  const long double b = form[np] + factor * plane_.offset;
-  norm = std::sqrt(norm);
-  long double scale = 0.0L;
-  for (int j = 0; j <= np; ++j) scale = std::max(scale, std::abs(form[j]));
-  if (norm <= 1e-14L * scale) {
-    if (b < -1e-12L * scale) piece.empty = true;
-    return;
-  }
-  for (double& a : normal) a = static_cast<double>(a / norm);
-  piece.rows.append(normal.data(), static_cast<double>(b / norm));
-}
-
-double FacetWalk::piece_radius(const Piece& piece) {
-  if (piece.empty) return -1.0;
-  const int n = problem_.parameters - 1;
-  HalfSpaces rows(n + 1);
-  Point a{};
-  for (int i = 0; i < piece.rows.size(); ++i) {
-    piece.rows.copy_normal(i, a.data());
-    a[index(n)] = 1.0;
-    rows.append(a.data(), piece.rows.offset(i));
-  }
-  for (int side = 0; side < 2 * n; ++side) {
-    a.fill(0.0);
-    a[index(side / 2)] = side % 2 == 0 ? 1.0 : -1.0;
-    a[index(n)] = 1.0;
-    rows.append(a.data(), 1.0);
-  }
-  a.fill(0.0);
-  a[index(n)] = 1.0;
-  const LpResult ball = radius_.maximise(a.data(), rows);
-  if (ball.status == LpStatus::kInfeasible) return -1.0;
-  return ball.status == LpStatus::kOptimal ? ball.value : 1.0;  // not decided: not thin
 }
 
 void FacetWalk::compare(const CertifiedRegion& from, const CertifiedRegion& to,
@@ -150,19 +100,13 @@ void FacetWalk::compare(const CertifiedRegion& from, const CertifiedRegion& to,
     result.plane_mismatch = 2.0;
     return;
   }
-  double squared = 0.0;
   for (std::size_t c = 0; c < width; ++c) {
     result.plane_mismatch = std::max(result.plane_mismatch, std::abs(seen[c] + plane[c]));
-    squared += plane[c] * plane[c];
   }
-  // Largest coefficient sum of a difference after the best multiple of the plane is taken out.
   const auto residual = [&](const auto& difference) {
-    double along = 0.0;
-    for (std::size_t c = 0; c < width; ++c) along += difference(c) * plane[c];
-    along /= squared;
-    double sum = 0.0;
-    for (std::size_t c = 0; c < width; ++c) sum += std::abs(difference(c) - along * plane[c]);
-    return sum;
+    std::array<double, kMaxDimension + 1> values{};
+    for (std::size_t c = 0; c < width; ++c) values[c] = difference(c);
+    return FacetPlane::residual({values.data(), width}, plane);
   };
   double size = 1e-300;
   double worst = 0.0;
@@ -199,12 +143,22 @@ void FacetWalk::compare(const CertifiedRegion& from, const CertifiedRegion& to,
 }
 
 void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<int>& active,
-                      int row, const Piece& piece, FacetWalkResult& result) {
-  const double radius = piece_radius(piece);
+                      int row, const long double* exit, const FacetPiece& piece,
+                      FacetWalkResult& result) {
+  const double radius = plane_.radius(piece);
   if (radius <= kSliver) {
     if (radius > 0.0) ++result.slivers;
     return;
   }
+  FacetWalkResult before = result;
+  pass(from, depth, active, row, piece, result);
+  if (result.failure.empty()) return;
+  if (take(cover_.cover(plane_, piece, origin_, from, exit), before)) result = std::move(before);
+}
+
+// Through a gap, to what lies beyond it.
+void FacetWalk::pass(const CertifiedRegion& from, int depth, const std::vector<int>& active,
+                     int row, const FacetPiece& piece, FacetWalkResult& result) {
   const std::string where =
       "across condition " + std::to_string(row) + " of the active set " + names(from.independent);
   CertifiedRegion gap;
@@ -242,7 +196,7 @@ void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<
     long double fall = 0.0L;
     long double scale = 0.0L;
     for (int j = 0; j < np; ++j) {
-      fall -= form[index(j)] * plane_.normal[index(j)];
+      fall -= form[index(j)] * plane_.normal(j);
       scale = std::max(scale, std::abs(form[index(j)]));
     }
     if (fall <= 1e-13L * scale) continue;
@@ -252,16 +206,16 @@ void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<
   }
   bool left = false;
   for (std::size_t e = 0; e < exits.size(); ++e) {
-    Piece part = piece;
+    FacetPiece part = piece;
     for (std::size_t other = 0; other < exits.size() && !part.empty; ++other) {
       if (other == e) continue;
       std::vector<long double> difference(index(np + 1));
       for (std::size_t c = 0; c < difference.size(); ++c) {
         difference[c] = heights[other][c] - heights[e][c];
       }
-      append(part, difference.data());
+      plane_.append(part, difference.data());
     }
-    if (piece_radius(part) <= kSliver) continue;
+    if (plane_.radius(part) <= kSliver) continue;
     left = true;
     if (exits[e] < 0) continue;  // the box ends here
     leave(gap, depth, exits[e], part, result);
@@ -271,48 +225,8 @@ void FacetWalk::enter(const CertifiedRegion& from, int depth, const std::vector<
   result.gaps.push_back(gap);
 }
 
-// Inactive rows that become active on the same plane as `row`: where rows depend on each other, a
-// row may be the sum of another and of one that is active. Either describes what lies beyond.
-std::vector<int> FacetWalk::coincident(const CertifiedRegion& from, int row,
-                                       const ExtendedMatrix& forms) {
-  std::vector<int> rows;
-  if (holds(from.independent, row)) return rows;
-  const int np = problem_.parameters;
-  std::array<double, kMaxDimension + 1> form{}, mine{}, other{};
-  const auto plane_of = [&](Index k, std::array<double, kMaxDimension + 1>& plane) {
-    for (Index c = 0; c <= np; ++c) form[index(c)] = static_cast<double>(forms(k, c));
-    return unit_plane(form.data(), np, plane);
-  };
-  if (!plane_of(row, mine)) return rows;
-  for (int k = 0; k < problem_.rows; ++k) {
-    if (k == row || problem_.first_equal[index(k)] != k || holds(from.independent, k)) continue;
-    if (!plane_of(k, other)) continue;
-    double difference = 0.0;
-    for (Index c = 0; c <= np; ++c) {
-      difference = std::max(difference, std::abs(mine[index(c)] - other[index(c)]));
-    }
-    if (difference < kCoincident) rows.push_back(k);
-  }
-  return rows;
-}
-
-void FacetWalk::leave(const CertifiedRegion& from, int depth, int row, const Piece& piece,
+void FacetWalk::leave(const CertifiedRegion& from, int depth, int row, const FacetPiece& piece,
                       FacetWalkResult& result) {
-  const FacetWalkResult before = result;
-  leave_by(from, depth, row, piece, result);
-  if (result.failure.empty()) return;
-  const ExtendedMatrix forms = certifier(depth).forms();
-  for (const int other : coincident(from, row, forms)) {
-    FacetWalkResult tried = before;
-    leave_by(from, depth, other, piece, tried);
-    if (!tried.failure.empty()) continue;
-    result = std::move(tried);
-    return;
-  }
-}
-
-void FacetWalk::leave_by(const CertifiedRegion& from, int depth, int row, const Piece& piece,
-                         FacetWalkResult& result) {
   RegionCertifier& here = certifier(depth);
   const ExtendedMatrix forms = here.forms();
   const int np = problem_.parameters;
@@ -323,6 +237,7 @@ void FacetWalk::leave_by(const CertifiedRegion& from, int depth, int row, const 
     return;
   }
   const std::span<const double> seen(plane.data(), index(np + 1));
+  const long double* exit = forms.row(row).data();
   std::vector<double> c;
   if (holds(from.independent, row) || !here.depends(row, &c)) {
     const std::vector<int> next =
@@ -331,7 +246,7 @@ void FacetWalk::leave_by(const CertifiedRegion& from, int depth, int row, const 
     if (found != index_.end()) {
       compare(from, regions_[index(found->second)], seen, row, -1, {}, result);
     } else {
-      enter(from, depth + 1, next, row, piece, result);
+      enter(from, depth + 1, next, row, exit, piece, result);
     }
     return;
   }
@@ -350,7 +265,7 @@ void FacetWalk::leave_by(const CertifiedRegion& from, int depth, int row, const 
       compare(from, regions_[index(found->second)], seen, row, from.independent[i], c, result);
       continue;
     }
-    Piece part = piece;
+    FacetPiece part = piece;
     for (const std::size_t k : candidates) {
       if (k == i) continue;
       std::vector<long double> difference(index(np + 1));
@@ -359,11 +274,61 @@ void FacetWalk::leave_by(const CertifiedRegion& from, int depth, int row, const 
             forms(from.independent[k], column) / static_cast<long double>(c[k]) -
             forms(from.independent[i], column) / static_cast<long double>(c[i]);
       }
-      append(part, difference.data());
+      plane_.append(part, difference.data());
     }
-    enter(from, depth + 1, next, row, part, result);
+    enter(from, depth + 1, next, row, exit, part, result);
     if (!result.failure.empty()) return;
   }
+}
+
+bool FacetWalk::take(const FacetCoverResult& cover, FacetWalkResult& result) {
+  if (!cover.overlap.empty()) result.failure = cover.overlap;
+  if (!cover.covered) return false;
+  result.slivers += cover.slivers;
+  result.plane_mismatch = std::max(result.plane_mismatch, cover.plane_mismatch);
+  result.law_mismatch = std::max(result.law_mismatch, cover.law_mismatch);
+  result.jump = std::max(result.jump, cover.jump);
+  return true;
+}
+
+// The facet's plane and what the region's other conditions leave of it.
+FacetPiece FacetWalk::open(int region, int facet) {
+  const HalfSpaces& facets = regions_[index(region)].polytope.facets;
+  const int np = problem_.parameters;
+  Point normal{};
+  facets.copy_normal(facet, normal.data());
+  plane_.set(normal.data(), facets.offset(facet));
+  FacetPiece piece = plane_.whole();
+  std::vector<long double> form(index(np + 1));
+  for (int i = 0; i < facets.size(); ++i) {
+    if (i == facet) continue;
+    for (int j = 0; j < np; ++j) form[index(j)] = -facets.normal(i, j);
+    form[index(np)] = facets.offset(i);
+    plane_.append(piece, form.data());
+  }
+  origin_ = region;
+  return piece;
+}
+
+void FacetWalk::cross_unnamed(int region, int facet, FacetWalkResult& result) {
+  const CertifiedRegion& from = regions_[index(region)];
+  const int row = from.polytope.labels[index(facet)];
+  if (solved_ != region) {
+    certifier(0).solve(from.independent, first_);
+    solved_ = region;
+  }
+  const FacetPiece piece = open(region, facet);
+  result.kind = Kind::kWalked;
+  std::vector<double> c;
+  const bool exchange = !holds(from.independent, row) && certifier(0).depends(row, &c);
+  const bool feasible =
+      !exchange || std::any_of(c.begin(), c.end(), [](double x) { return x > kZero; });
+  if (feasible) {
+    const FacetCoverResult cover =
+        cover_.cover(plane_, piece, region, from, certifier(0).forms().row(row).data());
+    if (take(cover, result) || !result.failure.empty()) return;
+  }
+  leave(from, 0, row, piece, result);
 }
 
 FacetWalkResult FacetWalk::cross(int region, int facet) {
@@ -372,48 +337,19 @@ FacetWalkResult FacetWalk::cross(int region, int facet) {
   const int np = problem_.parameters;
   FacetWalkResult result;
   const int row = from.polytope.labels[index(facet)];
-  certifier(0);
   const bool active = holds(from.independent, row);
   const auto flip =
       index_.find(active ? without(from.independent, row) : with(from.independent, row));
-  if (flip != index_.end()) {
+  if (flip != index_.end() && from.coincident[index(facet)] == 0) {
     std::array<double, kMaxDimension + 1> plane{};
     facets.copy_normal(facet, plane.data());
     plane[index(np)] = -facets.offset(facet);
     result.kind = Kind::kMatched;
+    certifier(0);
     compare(from, regions_[index(flip->second)], {plane.data(), index(np + 1)}, row, -1, {},
             result);
   } else {
-    if (solved_ != region) {
-      certifier(0).solve(from.independent, first_);
-      solved_ = region;
-    }
-    facets.copy_normal(facet, plane_.normal.data());
-    plane_.offset = facets.offset(facet);
-    plane_.eliminated = 0;
-    for (int j = 1; j < np; ++j) {
-      if (std::abs(plane_.normal[index(j)]) > std::abs(plane_.normal[index(plane_.eliminated)])) {
-        plane_.eliminated = j;
-      }
-    }
-    Piece piece;
-    piece.rows = HalfSpaces(np - 1);
-    std::vector<long double> form(index(np + 1));
-    for (int i = 0; i < facets.size(); ++i) {
-      if (i == facet) continue;
-      for (int j = 0; j < np; ++j) form[index(j)] = -facets.normal(i, j);
-      form[index(np)] = facets.offset(i);
-      append(piece, form.data());
-    }
-    // The eliminated coordinate keeps to the box too.
-    for (const double side : {1.0, -1.0}) {
-      std::fill(form.begin(), form.end(), 0.0L);
-      form[index(plane_.eliminated)] = side;
-      form[index(np)] = 1.0L;
-      append(piece, form.data());
-    }
-    result.kind = Kind::kWalked;
-    leave(from, 0, row, piece, result);
+    cross_unnamed(region, facet, result);
   }
   if (result.failure.empty() &&
       std::max({result.plane_mismatch, result.law_mismatch}) > kAgreement) {

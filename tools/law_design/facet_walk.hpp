@@ -6,10 +6,15 @@
 // (with no c_i > 0 the rows contradict each other beyond the facet, by Farkas' lemma). In the
 // facet's plane both active sets have the same z, and one multiplier vector each, of the same set
 // of multipliers; so their conditions coincide there up to rows that imply each other, which is
-// checked by comparing coefficients. An active set that is not in the list is a gap. It is crossed
-// along the facet's normal: each point of the facet leaves it by the condition that vanishes first,
-// so the facet falls into pieces, each with a next active set. A gap that holds a ball of radius
-// kThickest is a hole.
+// checked by comparing coefficients.
+//
+// A facet in whose plane one condition alone vanishes, and whose next active set 𝒜 Δ {j} is listed,
+// is settled by that. Rows that depend on each other give one solution several active sets: what
+// lies beyond other facets is looked for by polytopes and laws first, see facet_cover.hpp, and then
+// followed through active sets that are not listed. Each of these is a gap. It is crossed along the
+// facet's normal: each point of the facet leaves it by the condition that vanishes first, so the
+// facet falls into pieces, each with a next active set. A gap that holds a ball of radius
+// kThickest, and beyond whose border none of the listed regions begins, is a hole.
 #pragma once
 
 #include <memory>
@@ -18,6 +23,8 @@
 #include <unordered_map>
 #include <vector>
 
+#include "law_design/facet_cover.hpp"
+#include "law_design/facet_plane.hpp"
 #include "law_design/region_certificate.hpp"
 
 namespace eampc::law_design {
@@ -43,7 +50,7 @@ struct FacetWalkResult {
 class FacetWalk {
  public:
   static constexpr double kThickest = 2e-8;
-  static constexpr double kSliver = 1e-9;
+  static constexpr double kSliver = FacetCover::kSliver;
   /// Planes and laws of two regions that meet must agree to this.
   static constexpr double kAgreement = 1e-6;
 
@@ -53,31 +60,21 @@ class FacetWalk {
   /// What lies beyond facet `facet` of a region.
   FacetWalkResult cross(int region, int facet);
 
-  long lp_count() const;
+  long lp_count() const { return plane_.lp_count(); }
 
  private:
-  /// A polytope in the facet's plane, one coordinate eliminated.
-  struct Piece {
-    HalfSpaces rows{0};  // over np−1 coordinates, unit
-    bool empty = false;
-  };
-  struct Plane {
-    Point normal{};
-    double offset = 0.0;
-    int eliminated = 0;
-  };
-  void append(Piece& piece, const long double* form) const;
-  double piece_radius(const Piece& piece);
-  void leave(const CertifiedRegion& from, int depth, int row, const Piece& piece,
+  void leave(const CertifiedRegion& from, int depth, int row, const FacetPiece& piece,
              FacetWalkResult& result);
-  void leave_by(const CertifiedRegion& from, int depth, int row, const Piece& piece,
-                FacetWalkResult& result);
-  std::vector<int> coincident(const CertifiedRegion& from, int row, const ExtendedMatrix& forms);
-  void enter(const CertifiedRegion& from, int depth, const std::vector<int>& active, int entering,
-             const Piece& piece, FacetWalkResult& result);
+  void enter(const CertifiedRegion& from, int depth, const std::vector<int>& active, int row,
+             const long double* exit, const FacetPiece& piece, FacetWalkResult& result);
+  void pass(const CertifiedRegion& from, int depth, const std::vector<int>& active, int row,
+            const FacetPiece& piece, FacetWalkResult& result);
   void compare(const CertifiedRegion& from, const CertifiedRegion& to,
                std::span<const double> plane, int row, int leaving,
                std::span<const double> coefficients, FacetWalkResult& result) const;
+  FacetPiece open(int region, int facet);
+  void cross_unnamed(int region, int facet, FacetWalkResult& result);
+  static bool take(const FacetCoverResult& cover, FacetWalkResult& result);
   RegionCertifier& certifier(int depth);
 
   const CertificateProblem& problem_;
@@ -86,8 +83,9 @@ class FacetWalk {
   int solved_ = -1;  // region whose conditions certifier(0) holds
   CertifiedRegion first_;
   std::vector<std::unique_ptr<RegionCertifier>> certifiers_;
-  LinearProgram radius_;
-  Plane plane_;
+  FacetPlane plane_;
+  FacetCover cover_;
+  int origin_ = -1;  // region whose facet is crossed
 };
 
 }  // namespace eampc::law_design

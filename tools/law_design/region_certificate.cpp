@@ -224,7 +224,24 @@ bool RegionCertifier::certify(const std::vector<int>& active, double least_radiu
     labels_.push_back(static_cast<int>(i));
   }
   region.solved = maker_.make(rows_, labels_, least_radius, region.polytope);
+  if (region.solved) mark_coincident(region);
   return region.solved;
+}
+
+void RegionCertifier::mark_coincident(CertifiedRegion& region) const {
+  const HalfSpaces& facets = region.polytope.facets;
+  const int np = problem_.parameters;
+  region.coincident.assign(index(facets.size()), 0);
+  for (int f = 0; f < facets.size(); ++f) {
+    for (int i = 0; i < rows_.size(); ++i) {
+      if (labels_[index(i)] == region.polytope.labels[index(f)]) continue;
+      double apart = std::abs(rows_.offset(i) - facets.offset(f));
+      for (int j = 0; j < np && apart <= CertifiedRegion::kSamePlane; ++j) {
+        apart = std::max(apart, std::abs(rows_.normal(i, j) - facets.normal(f, j)));
+      }
+      if (apart <= CertifiedRegion::kSamePlane) region.coincident[index(f)] = 1;
+    }
+  }
 }
 
 RegionsCertificate certify_regions(const CertificateProblem& problem,

@@ -22,12 +22,16 @@ namespace eampc::law_design {
 using AffineForm = std::array<double, kMaxDimension + 1>;
 
 struct CertifiedRegion {
+  /// Unit planes that differ by less are the same.
+  static constexpr double kSamePlane = 1e-10;
+
   std::vector<int> active;       ///< rows of the problem as given, ascending
   std::vector<int> independent;  ///< a largest independent subset: the rows with multipliers
   std::vector<double> z;         ///< n×(np+1)
   std::vector<double> lambda;    ///< of the independent rows, k×(np+1), for unit rows M
   AffineForm output{};           ///< y, not clipped
   RegionPolytope polytope;       ///< labels are rows of the problem
+  std::vector<char> coincident;  ///< per facet: another condition vanishes in its plane
   double stationarity = 0.0;     ///< largest residual of H U + F + Gᵀλ, of the size of its terms
   double primal = 0.0;           ///< of an active row, as a distance in z, of z's size
   bool solved = false;           ///< polytope and law are meaningful
@@ -57,6 +61,7 @@ class RegionCertifier {
 
  private:
   bool append(int row);
+  void mark_coincident(CertifiedRegion& region) const;
 
   const CertificateProblem& problem_;
   RegionPolytopeMaker maker_;
