@@ -7,7 +7,9 @@
 #include <cstddef>
 #include <optional>
 #include <random>
+#include <vector>
 
+#include "law_design/law_certificate.hpp"
 #include "law_design/law_structure.hpp"
 #include "law_design/mpqp_test_problems.hpp"
 #include "service/law_packing.hpp"
@@ -159,6 +161,30 @@ TEST(LawSymmetry, AFoldedLawIsOddToTheBit) {
     EXPECT_EQ(control::evaluate(packing.law(), p.data()).u,
               -control::evaluate(packing.law(), mirrored.data()).u);
   }
+}
+
+// The certificate asks every region on both sides of the fold.
+TEST(LawSymmetry, AFoldThatWasTurnedIsNotProved) {
+  const MpQp problem = benchmark_p5(10, 2.0);
+  const OutputLaw output = first_input(problem, 4.0);
+  const MpQpSolution solution = solve_mpqp(problem);
+  std::vector<std::vector<int>> active_sets;
+  for (const CriticalRegion& region : solution.regions) active_sets.push_back(region.active_set);
+  service::LawTables tables = build_law_structure(solution, output).tables;
+  ASSERT_TRUE(
+      std::any_of(tables.fold.begin(), tables.fold.end(), [](double f) { return f != 0.0; }));
+  const auto evaluated = [&] {
+    return certify_law(problem, output, active_sets, &tables, {}).evaluated;
+  };
+  EXPECT_TRUE(evaluated());
+  const std::vector<double> fold = tables.fold;
+  for (double& f : tables.fold) f = -f;
+  EXPECT_FALSE(evaluated());
+  tables.fold = fold;
+  std::swap(tables.fold[0], tables.fold[2]);
+  EXPECT_FALSE(evaluated());
+  tables.fold.assign(fold.size(), 0.0);
+  EXPECT_FALSE(evaluated());
 }
 
 }  // namespace
