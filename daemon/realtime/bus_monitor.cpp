@@ -22,10 +22,41 @@ BusMonitor::BusMonitor(std::int64_t period_ns, bool confirms) noexcept
 // Whatever was in flight may be gone or may still wait: from here on only a probe can tell.
 void BusMonitor::give_up_frame() noexcept {
   enabled_given_up_ |= in_flight_ && flying_.enabled;
+  if (in_flight_) remember(flying_);
   in_flight_ = false;
   sync_in_flight_ = false;
   has_kept_ = false;
   proved_empty_ = !confirms_;
+}
+
+std::size_t BusMonitor::first_after_enabled() const noexcept {
+  std::size_t first = given_up_count_;
+  while (first > 0 && !given_up_[first - 1].enabled) --first;
+  return first;
+}
+
+void BusMonitor::remember(const Command& given_up) noexcept {
+  given_up_too_many_ |= given_up_count_ == kMostGivenUp;
+  if (given_up_count_ < kMostGivenUp) given_up_[given_up_count_++] = given_up;
+}
+
+bool BusMonitor::tells_apart(const control::Frame& probe) const noexcept {
+  if (given_up_too_many_) return false;
+  for (std::size_t i = 0; i < first_after_enabled(); ++i) {
+    if (same(given_up_[i].frame, probe)) return false;
+  }
+  return true;
+}
+
+// A queue keeps its order: what is older than a confirmed frame has left it, too.
+bool BusMonitor::forget_up_to(const control::Frame& confirmed) noexcept {
+  for (std::size_t i = 0; i < given_up_count_; ++i) {
+    if (!same(given_up_[i].frame, confirmed)) continue;
+    for (std::size_t j = i + 1; j < given_up_count_; ++j) given_up_[j - i - 1] = given_up_[j];
+    given_up_count_ -= i + 1;
+    return true;
+  }
+  return false;
 }
 
 void BusMonitor::on_error_frame(const ErrorReport& report) noexcept {
@@ -58,6 +89,8 @@ void BusMonitor::on_error_frame(const ErrorReport& report) noexcept {
 void BusMonitor::on_link_lost() noexcept {
   give_up_frame();
   enabled_given_up_ = false;
+  given_up_count_ = 0;
+  given_up_too_many_ = false;
   link_down_ = true;
   happened_.link_down = true;
   bus_off_ = false;
@@ -81,7 +114,7 @@ bool BusMonitor::admit(const Command& command, std::int64_t now_ns) noexcept {
     has_kept_ = true;
     return false;
   }
-  return proved_empty_ || !command.enabled;
+  return proved_empty_ || (!command.enabled && tells_apart(command.frame));
 }
 
 void BusMonitor::on_sent(const Command& command, std::int64_t now_ns) noexcept {
@@ -114,9 +147,16 @@ bool BusMonitor::on_confirmed(const control::Frame& frame, Command& kept) noexce
   }
   if (!in_flight_ || !same(frame, flying_.frame)) {
     ++counters_.stray_confirmations;
+    forget_up_to(frame);
     return false;
   }
   in_flight_ = false;
+  // Was it this one, or an older one of the same bytes? Then this one may still wait.
+  if (forget_up_to(frame)) {
+    remember(flying_);
+  } else if (!given_up_too_many_) {
+    given_up_count_ = 0;
+  }
   bus_off_ = false;  // a controller that is off the bus confirms nothing
   if (!flying_.enabled) {
     proved_empty_ = true;

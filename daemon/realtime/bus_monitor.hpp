@@ -7,12 +7,16 @@
 //                   commands and delivers them whenever a node comes back, whoever still lives.
 //   stale queue     After the start, link up and bus-off an older command may still wait in the
 //                   interface. Then only disabled commands go out, and the queue is proved empty
-//                   once one of them was confirmed: a queue keeps its order.
+//                   once one of them was confirmed: a queue keeps its order. Such a probe must
+//                   differ from every command before an enabled one that was given up, or the late
+//                   confirmation of the former (rolling counters wrap) would prove too much.
 //
 // A bus that confirms nothing (emulation) has no queue: everything may go out at once.
 // Cost: constant. Absent: sockets, clocks, actions.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 
 #include "control/bus_health.hpp"
@@ -77,7 +81,16 @@ class BusMonitor {
   const ErrorReport& newest_report() const noexcept { return report_; }
 
  private:
+  // Twice the frames of a 4-bit counter. Beyond it only a restart of the interface helps.
+  static constexpr std::size_t kMostGivenUp = 32;
+
   void give_up_frame() noexcept;
+  void remember(const Command& given_up) noexcept;
+  // As a probe: its confirmation proves that no enabled command waits any more.
+  bool tells_apart(const control::Frame& probe) const noexcept;
+  // True: a command of these bytes was given up; it and all older ones are forgotten.
+  bool forget_up_to(const control::Frame& confirmed) noexcept;
+  std::size_t first_after_enabled() const noexcept;
   std::int32_t unconfirmed_periods(std::int64_t now_ns) const noexcept;
 
   const std::int64_t period_ns_;
@@ -93,6 +106,10 @@ class BusMonitor {
   control::Frame sync_;
   std::int64_t sync_sent_at_ = 0;
   bool proved_empty_;
+  // Given up, and nothing has shown since that they left the queue; oldest first.
+  std::array<Command, kMostGivenUp> given_up_{};
+  bool given_up_too_many_ = false;
+  std::size_t given_up_count_ = 0;
   bool enabled_given_up_ = false;  // an enabled command was given up and nothing purged it
 
   bool link_down_ = false;

@@ -72,7 +72,7 @@ class Story {
     frame.id = 0x201;
     frame.length = 8;
     frame.data[0] = enabled ? 1 : 0;
-    frame.data[1] = counter_;
+    frame.data[1] = counter_ & 15;
     return frame;
   }
 

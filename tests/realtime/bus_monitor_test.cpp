@@ -296,5 +296,32 @@ TEST_F(BusMonitorTest, RandomBusesNeverHoldASecondCommandOfOneTime) {
   }
 }
 
+// Found by fuzzing: a rolling counter wraps, and the late confirmation of an old disabled command
+// proved a queue empty in which an enabled one still waited.
+TEST_F(BusMonitorTest, AProbeDiffersFromWhatIsOlderThanAnEnabledCommand) {
+  const BusMonitor::Command old_disabled{numbered(3), false};
+  const BusMonitor::Command enabled{numbered(4), true};
+  const auto send = [&](const BusMonitor::Command& wanted) {
+    ASSERT_TRUE(monitor_.admit(wanted, now_));
+    monitor_.on_sent(wanted, now_);
+  };
+  // Waiting in the controller from here on: 3 (given up), 3 again, whose proof is the first's.
+  send(old_disabled);
+  monitor_.on_error_frame(bus_off());
+  send(old_disabled);
+  monitor_.on_confirmed(old_disabled.frame, kept_);
+  ASSERT_TRUE(monitor_.health(now_).queue_proved_empty);
+  send(enabled);
+  monitor_.on_error_frame(bus_off());
+  EXPECT_FALSE(monitor_.admit(old_disabled, now_));
+  const BusMonitor::Command other{numbered(5), false};
+  send(other);
+  monitor_.on_confirmed(old_disabled.frame, kept_);
+  EXPECT_FALSE(monitor_.health(now_).queue_proved_empty);
+  monitor_.on_confirmed(enabled.frame, kept_);
+  monitor_.on_confirmed(other.frame, kept_);
+  EXPECT_TRUE(monitor_.health(now_).queue_proved_empty);
+}
+
 }  // namespace
 }  // namespace eampc::realtime
