@@ -2,10 +2,11 @@
 
 ParametricDAQP counts up to four regions fewer or 1.3 % more on some of them. Ours keep every region
 down to a radius of 1e-10 of the box: p5_u2 N = 5, 8 and 10 have four, four and two with a radius
-below 1e-6 (2e-7 and more), as many as are missing there. At N = 15 and 20, where ours are 10 and 28
-fewer, the thinnest have 2e-5 and 1e-6, the certificate proves that they tile the feasible
-parameters, and none of the 330 and 630 active sets named beyond their facets and not listed is
-optimal anywhere: what is counted there beyond ours has no volume or is counted twice.
+below 1e-6 (2e-7 and more), as many as are missing there; PPOPT's geometric search counts as we do.
+At N = 15 and 20, where ours are 10 and 28 fewer, the thinnest have 2e-5 and 1e-6, the certificate
+proves that they tile the feasible parameters, and none of the 330 and 630 active sets named beyond
+their facets and not listed is optimal anywhere: what is counted there beyond ours has no volume or
+is counted twice.
 """
 
 import numpy as np
