@@ -141,13 +141,18 @@ class FaultBench:
         return self.client.status()
 
     def order(self, command: str) -> None:
-        """An operator's command; three periods later it was obeyed, or was not."""
-        at = self.status()["cycle"] + 2
+        """An operator's command; when this returns it was obeyed, or was not."""
         if command == "arm":
             self.armings.append(self.frame)
-        reply = self.client.request(command, {"at_cycle": at})
+        ahead = 2 if self.lockstep else 4
+        for _ in range(20):
+            at = self.status()["cycle"] + ahead
+            reply = self.client.request(command, {"at_cycle": at})
+            if reply["ok"]:
+                break
+            self.step()  # in real time the daemon's cycle may have passed meanwhile
         assert reply["ok"], reply["message"]
-        self.step(3)
+        self.step(ahead + 1)
 
     def until(self, mode: str, frames: int = 2000) -> None:
         """Step until the daemon says this mode."""
