@@ -24,8 +24,9 @@ FaultSet EncoderSupervision::check(EncoderSample& sample, std::int32_t elapsed_p
     // Frames that only the counter misses were a silence like any other.
     present.add(Fault::kEncoderTimeout,
                 seen_ && periods_without_sample_ + elapsed_periods - 1 >= timeout_periods_);
-    present.add(Fault::kEncoderCounterGap,
-                sample.missed_frames > static_cast<std::uint32_t>(safety.encoder_counter_gap_max));
+    // Frames that came but could not be believed are not lost.
+    const std::int64_t lost = std::int64_t{sample.missed_frames} - invalid_run_;
+    present.add(Fault::kEncoderCounterGap, lost > safety.encoder_counter_gap_max);
     periods_without_sample_ = std::min(periods_without_sample_ + elapsed_periods, timeout_periods_);
     check_frozen(sample, elapsed_periods, sent);
     check_jump(sample, present);

@@ -32,7 +32,8 @@ constexpr std::array<FaultWords, kFaultCount> kWords{{
     {"supply_pressure",
      "supply pressure out of range or unknown (safety.supply_pressure_min_kPa, max_kPa)"},
     {"deadline_overruns", "too many missed deadlines (safety.deadline_overruns_max)"},
-    {"e_stop", "emergency stop pressed (bus.e_stop)"},
+    {"e_stop",
+     "emergency stop pressed, or its node is silent (bus.e_stop, safety.e_stop_timeout_s)"},
     {"law_mismatch", "the law was designed for another rig (bus.identity)"},
 }};
 

@@ -23,6 +23,10 @@ FaultDetection::FaultDetection(const ControllerConfig& config) noexcept
           std::max(1, periods_in(config.safety.heartbeat_timeout_s, config.model.period_s))),
       supply_limit_periods_(
           std::max(1, periods_in(config.safety.supply_pressure_s, config.model.period_s))),
+      e_stop_limit_periods_(
+          config.e_stop.present && config.safety.e_stop_timeout_s > 0.0
+              ? std::max(1, periods_in(config.safety.e_stop_timeout_s, config.model.period_s))
+              : 0),
       supply_monitored_(config.valve_feedback.present &&
                         config.valve_feedback.supply_pressure.present &&
                         (std::isfinite(config.safety.supply_pressure_min_kPa) ||
@@ -30,7 +34,8 @@ FaultDetection::FaultDetection(const ControllerConfig& config) noexcept
       encoder_(config),
       overruns_(periods_in(config.safety.deadline_overruns_window_s, config.model.period_s)),
       silent_node_periods_(heartbeat_limit_periods_),
-      doubtful_supply_periods_(supply_limit_periods_) {}
+      doubtful_supply_periods_(supply_limit_periods_),
+      silent_e_stop_periods_(e_stop_limit_periods_) {}
 
 FaultSet FaultDetection::check(EncoderSample& sample, const MonitorSample& monitor,
                                const BusHealth& bus, std::int32_t elapsed_periods,
@@ -85,6 +90,13 @@ void FaultDetection::check_node(const MonitorSample& monitor, std::int32_t elaps
   present.add(Fault::kEStop, monitor.e_stop);
   e_stop_ = (e_stop_ || monitor.e_stop) && !monitor.e_stop_released;
   present.add(Fault::kEStop, e_stop_);
+  if (monitor.e_stop || monitor.e_stop_released) {
+    silent_e_stop_periods_ = 0;
+  } else {
+    count_up(silent_e_stop_periods_, elapsed_periods, e_stop_limit_periods_);
+  }
+  present.add(Fault::kEStop,
+              e_stop_limit_periods_ > 0 && silent_e_stop_periods_ >= e_stop_limit_periods_);
   present.add(Fault::kLawMismatch, monitor.identity_differs);
   law_mismatch_ = (law_mismatch_ || monitor.identity_differs) && !monitor.identity_agrees;
   present.add(Fault::kLawMismatch, law_mismatch_);

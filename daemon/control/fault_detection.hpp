@@ -29,6 +29,7 @@ class FaultDetection {
   const std::int32_t passive_limit_periods_;
   const std::int32_t heartbeat_limit_periods_;
   const std::int32_t supply_limit_periods_;
+  const std::int32_t e_stop_limit_periods_;  // 0: not watched
   const bool supply_monitored_;
 
   EncoderSupervision encoder_;
@@ -37,6 +38,7 @@ class FaultDetection {
   std::int32_t refused_frames_ = 0;
   std::int32_t silent_node_periods_;  // from the start: a node never heard is lost
   std::int32_t doubtful_supply_periods_;
+  std::int32_t silent_e_stop_periods_;
   bool emergency_ = false;
   bool e_stop_ = false;
   bool law_mismatch_ = false;

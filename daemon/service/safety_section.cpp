@@ -54,6 +54,7 @@ void read_safety(const LawValue& safety, const control::ControllerConfig& config
   out.tx_unconfirmed_periods = count("tx_unconfirmed_periods", 1);
   out.send_refused_frames = count("send_refused_frames", 1);
   out.heartbeat_timeout_s = safety.at("heartbeat_timeout_s").number_in(period_s, kLongest_s);
+  out.e_stop_timeout_s = time("e_stop_timeout_s");
   if (const auto limit = safety.find("supply_pressure_min_kPa")) {
     out.supply_pressure_min_kPa = limit->number();
   }

@@ -42,7 +42,8 @@ class SafetySection(Section):
     """Section [safety]: when the daemon stops, and how. A ramp of 0 s is a jump.
 
     Times are rounded to periods. encoder_frozen_s = 0 switches that cause off, as
-    reduced_limits_s = 0 does the reduced limits; a supply pressure without limits, an
+    reduced_limits_s = 0 does the reduced limits; e_stop_timeout_s = 0 is for a stop button whose
+    message only comes when it moves. A supply pressure without limits, an
     encoder_status_mask of 0, and the causes of messages that [bus] does not name are not watched.
     An angle jumps if it moves further than encoder_jump_ratio · constraints.velocity_max_rad_s ·
     elapsed time + encoder_jump_margin_rad.
@@ -66,6 +67,7 @@ class SafetySection(Section):
     tx_unconfirmed_periods: Count = 2
     send_refused_frames: Count = 2
     heartbeat_timeout_s: Positive = 0.35
+    e_stop_timeout_s: NonNegative = 0.0
     supply_pressure_min_kPa: float | None = None
     supply_pressure_max_kPa: float | None = None
     supply_pressure_s: NonNegative = 0.1

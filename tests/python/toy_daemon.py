@@ -174,6 +174,7 @@ def law_payload(**telemetry) -> dict:
             "tx_unconfirmed_periods": 2,
             "send_refused_frames": 2,
             "heartbeat_timeout_s": 0.35,
+            "e_stop_timeout_s": 0.0,
             "supply_pressure_min_kPa": None,
             "supply_pressure_max_kPa": None,
             "supply_pressure_s": 0.1,

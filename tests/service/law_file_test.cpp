@@ -77,6 +77,7 @@ TEST(LawFile, TheSafetySectionAndTheMonitoredMessages) {
   EXPECT_EQ(c.safety.tx_unconfirmed_periods, 3);
   EXPECT_EQ(c.safety.send_refused_frames, 4);
   EXPECT_EQ(c.safety.heartbeat_timeout_s, 0.35);
+  EXPECT_EQ(c.safety.e_stop_timeout_s, 0.15);
   EXPECT_EQ(c.safety.supply_pressure_min_kPa, 500.0);
   EXPECT_EQ(c.safety.supply_pressure_max_kPa, std::numeric_limits<double>::infinity());
   EXPECT_EQ(c.safety.supply_pressure_s, 0.2);

@@ -24,6 +24,7 @@ _CARRIED = (
     "tx_unconfirmed_periods",
     "send_refused_frames",
     "heartbeat_timeout_s",
+    "e_stop_timeout_s",
     "supply_pressure_min_kPa",
     "supply_pressure_max_kPa",
     "supply_pressure_s",
