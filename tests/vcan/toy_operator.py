@@ -14,10 +14,11 @@ LIMIT_S = 60.0  # far too large; it only ends a test that hangs
 
 
 def slow_law() -> dict:
-    """An encoder that is late on a loaded machine is no fault here; other causes are tested."""
+    """What is late on a loaded machine is no fault here; what never comes is."""
     payload = law_payload()
     payload["timing"]["period_s"] = PERIOD_S
     payload["safety"]["encoder_timeout_s"] = 5.0
+    payload["safety"]["tx_unconfirmed_periods"] = 10
     return payload
 
 
