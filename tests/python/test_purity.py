@@ -17,6 +17,16 @@ STAGES = (
     "safety",
     "valve_codec",
 )
+# What safety consists of, in the order of its own data flow.
+SAFETY_PARTS = (
+    "monitor_codec",
+    "encoder_supervision",
+    "fault_detection",
+    "arming",
+    "stop_ramp",
+    "mode_machine",
+    "voltage_guard",
+)
 # Headers that daemon/control may use: numbers, fixed-size data, vector instructions.
 PURE_STANDARD_HEADERS = {
     "algorithm",
@@ -86,6 +96,21 @@ def test_a_stage_includes_no_other_stage(stage: str) -> None:
         assert not others & set(own_includes(file)), file.name
 
 
+@pytest.mark.parametrize("part", SAFETY_PARTS)
+def test_a_part_of_safety_knows_only_the_parts_before_it(part: str) -> None:
+    later = SAFETY_PARTS[SAFETY_PARTS.index(part) + 1 :]
+    forbidden = {f"control/{name}.hpp" for name in (*later, *STAGES, "control_cycle")}
+    for file in (DAEMON / "control" / f"{part}.hpp", DAEMON / "control" / f"{part}.cpp"):
+        assert not forbidden & set(own_includes(file)), file.name
+
+
+@pytest.mark.parametrize("stage", [stage for stage in STAGES if stage != "safety"])
+def test_the_parts_of_safety_are_its_own(stage: str) -> None:
+    parts = {f"control/{part}.hpp" for part in SAFETY_PARTS}
+    for file in (DAEMON / "control" / f"{stage}.hpp", DAEMON / "control" / f"{stage}.cpp"):
+        assert not parts & set(own_includes(file)), file.name
+
+
 def test_what_stages_share_knows_no_stage() -> None:
     shared = ("control_types", "controller_config", "frame_codec", "point_location")
     stages = {f"control/{stage}.hpp" for stage in (*STAGES, "control_cycle")}
@@ -96,7 +121,9 @@ def test_what_stages_share_knows_no_stage() -> None:
 
 def test_stages_stand_in_the_order_of_the_data_flow() -> None:
     listed = (DAEMON / "control" / "CMakeLists.txt").read_text(encoding="utf-8")
-    places = [listed.index(f"{stage}.cpp") for stage in (*STAGES, "control_cycle")]
+    before, after = STAGES[: STAGES.index("safety")], STAGES[STAGES.index("safety") :]
+    flow = (*before, *SAFETY_PARTS, *after, "control_cycle")
+    places = [listed.index(f"  {stage}.cpp") for stage in flow]
     assert places == sorted(places)
 
 
