@@ -228,9 +228,9 @@ def test_command_reports_and_replays(
     law_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report = tmp_path / "verify.md"
-    assert command(law_file, "--trials", 60, "--json", "-o", report) == 0
+    assert command(law_file, "--trials", 1000, "--json", "-o", report) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert summary["trials"] == 60
+    assert summary["trials"] == 1000
     assert summary["closed_loop_cycles_per_s_and_core"] > 0.0
     assert sum(summary["hard_violations"].values()) == 0
     worst = next(row for row in summary["worst"] if row["name"] == "largest velocity")
@@ -249,9 +249,9 @@ def test_command_reports_and_replays(
 
 
 def test_command_exit_status(law_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command(law_file, "--trials", 60, "--strict") == 1
+    assert command(law_file, "--trials", 1000, "--strict") == 1
     out = " ".join(capsys.readouterr().out.split())
-    assert "voltages outside valve.min_V..max_V: none in 30,120 frames" in out
+    assert "voltages outside valve.min_V..max_V: none in 542,000 frames" in out
     assert "|θ̇| ≤ 6 rad/s: left in" in out
     assert command(law_file, "--figure", "x.png") == 2
     assert "--replay" in capsys.readouterr().err

@@ -63,7 +63,7 @@ def test_status_outputs_and_working_directory(tmp_path):
 
     assert (done.returncode, done.stderr) == (7, "to-stderr\n")
     assert done.stdout.startswith("to-stdout\n")
-    assert "vcan0: <NOARP,UP,LOWER_UP>" in done.stdout
+    assert "vcan0: <NOARP,UP,LOWER_UP" in done.stdout
     assert (tmp_path / "written").read_text().strip() == str(tmp_path.resolve())
 
 
@@ -247,7 +247,7 @@ def test_native_backend_inside_a_kernel_that_has_vcan(tmp_path):
 
     assert (done.returncode, done.stderr) == (9, "")
     assert done.stdout.startswith("native\n")
-    assert "vcan1: <NOARP,UP,LOWER_UP>" in done.stdout
+    assert "vcan1: <NOARP,UP,LOWER_UP" in done.stdout
 
 
 def test_native_backend_without_namespaces_ends_the_daemons_of_the_command(tmp_path):
@@ -274,7 +274,7 @@ def test_native_backend_without_namespaces_ends_the_daemons_of_the_command(tmp_p
 
     lines = done.stdout.splitlines()
     assert "namespaces are refused" in done.stderr
-    assert "vcan1: <NOARP,UP,LOWER_UP>" in lines[0]
+    assert "vcan1: <NOARP,UP,LOWER_UP" in lines[0]
     assert lines[1] == "status 9"
     assert lines[2] == 'Device "vcan1" does not exist.'
-    assert "vcan0: <NOARP,UP,LOWER_UP>" in lines[3]
+    assert "vcan0: <NOARP,UP,LOWER_UP" in lines[3]
