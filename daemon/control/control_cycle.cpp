@@ -62,12 +62,28 @@ std::int32_t ControlCycle::elapsed_periods(const EncoderSample& sample) noexcept
   return std::max(0, due);
 }
 
+// After so long a silence the counter tells nothing: one that stands where it stood has gone round.
+std::int32_t ControlCycle::end_starvation(EncoderSample& sample,
+                                          std::int32_t starved_periods) noexcept {
+  if (sample.verdict == SampleVerdict::kDuplicate) sample.verdict = SampleVerdict::kMissing;
+  periods_ahead_ = 0;
+  constexpr auto kMost = static_cast<std::int32_t>(kLongestCounterGap);
+  const std::int32_t starved = std::min(starved_periods, kMost);
+  const std::int32_t told = elapsed_periods(sample);
+  if (sample.verdict != SampleVerdict::kValid) {
+    periods_without_sample_ = std::min(periods_without_sample_ + starved, kMost);
+  }
+  return std::max(told, 1 + starved);
+}
+
 CycleOutput ControlCycle::step(const CycleInput& input) noexcept EAMPC_NONBLOCKING {
   if (input.new_reference != nullptr) {
     trajectory_ = *input.new_reference;
   }
   EncoderSample sample = encoder_codec_.decode(input.encoder_frame);
-  const std::int32_t elapsed = elapsed_periods(sample);
+  const std::int32_t elapsed = input.starved_periods > 0
+                                   ? end_starvation(sample, input.starved_periods)
+                                   : elapsed_periods(sample);
   const MonitorSample monitor = monitor_codec_.take();
   const SafetyState charge = safety_.advance({monitor, input.bus, input.action, elapsed}, sample);
   cycle_ += elapsed;

@@ -25,6 +25,9 @@ struct CycleInput {
   const Frame* encoder_frame = nullptr;  // nullptr: the period passed without one
   OperatorAction action = OperatorAction::kNone;
   const ReferenceTrajectory* new_reference = nullptr;  // replaces the present one
+  // Periods before this one that passed without a cycle, because nobody ran it for as long as
+  // safety.encoder_timeout_s; otherwise 0. A counter that rolls over meanwhile hides them.
+  std::int32_t starved_periods = 0;
   BusHealth bus;
 };
 
@@ -83,6 +86,7 @@ class ControlCycle {
 
   void count_silent_period() noexcept;
   std::int32_t elapsed_periods(const EncoderSample& sample) noexcept;
+  std::int32_t end_starvation(EncoderSample& sample, std::int32_t starved_periods) noexcept;
   bool read_reference(double time_s, Reference& reference) const noexcept;
 
   const ControllerConfig& config_;

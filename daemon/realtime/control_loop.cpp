@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "control/frame_codec.hpp"
+#include "control/period_count.hpp"
 #include "realtime/kernel_stamp.hpp"
 
 namespace eampc::realtime {
@@ -48,6 +49,8 @@ ControlLoop::ControlLoop(Bus& bus, const control::ControllerConfig& config, Loop
     : config_(config),
       settings_(settings),
       period_ns_(std::llround(config.model.period_s * static_cast<double>(kNanosecondsPerSecond))),
+      timeout_periods_(
+          std::max(1, control::periods_in(config.safety.encoder_timeout_s, config.model.period_s))),
       cycle_(config),
       bus_(bus, period_ns_) {
   LoopRecord first;
@@ -184,6 +187,7 @@ ControlLoop::Wait ControlLoop::wait_for_frame(std::int64_t deadline, Arrival& ar
 bool ControlLoop::take_frame(Arrival& arrival) noexcept {
   bool found = false;
   const std::int64_t now = bus_now();
+  const std::int64_t realtime_ns = now_ns(CLOCK_REALTIME);
   for (int i = 0; i < kMaxDrain; ++i) {
     ReceivedFrame received;
     const BusEvent event = bus_.receive(received, now);
@@ -197,6 +201,10 @@ bool ControlLoop::take_frame(Arrival& arrival) noexcept {
     if (found) {
       const bool duplicate = received.frame.data == arrival.received.frame.data;
       count(duplicate ? cells_.duplicate_frames : cells_.superseded_frames);
+      const std::int64_t stamp = arrival.received.arrival_ns;
+      const std::int64_t waited = realtime_ns - stamp;
+      const bool missed = stamp != 0 && waited > period_ns_ && waited < kMaxPlausibleLatencyNs;
+      if (frame_ever_seen_ && missed) miss_deadline();
     }
     arrival.received = received;
     found = true;
@@ -236,6 +244,7 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
   const std::int64_t bus_instant = bus_now();
   input.bus = bus_.take_health(bus_instant);
   input.bus.deadline_overruns = std::exchange(new_overruns_, 0);
+  input.starved_periods = starved_periods(arrival.woken_at);
   const control::CycleOutput output = cycle_.step(input);
   const std::int64_t decided_at = now_ns(CLOCK_MONOTONIC);
 
@@ -291,6 +300,18 @@ void ControlLoop::run_cycle(const control::Frame* frame, const Arrival& arrival)
 void ControlLoop::miss_deadline() noexcept {
   count(cells_.deadline_overruns);
   ++new_overruns_;
+}
+
+// The slack is what a trigger leaves between two cycles of neighbouring periods: a frame is given
+// up half a period after its instant, an answer to a Sync may come anywhere in its period.
+std::int32_t ControlLoop::starved_periods(std::int64_t woken_at) noexcept {
+  const std::int64_t last = std::exchange(last_cycle_at_, woken_at);
+  if (settings_.lockstep || last < 0) return 0;
+  const std::int64_t slack = config_.trigger_on_sync ? period_ns_ : period_ns_ / 2;
+  const std::int64_t starved = (woken_at - last - slack) / period_ns_;
+  if (starved < timeout_periods_) return 0;
+  constexpr std::int64_t kMost = 1'000'000;
+  return static_cast<std::int32_t>(std::min(starved, kMost));
 }
 
 void ControlLoop::send_sync() noexcept {

@@ -13,6 +13,10 @@
 //   answer by 7/8 of the
 //                     period: a cycle without a frame. A missed grid point is skipped, the grid
 //                     stays.
+//   starvation        a gap between two cycles that is longer than safety.encoder_timeout_s and the
+//                     trigger's slack is told to the cycle as periods without a sample, whatever
+//                     the frames that wait say; a superseded frame that waited longer than a period
+//                     is a missed deadline.
 //   lock-step         on every encoder frame in order, none left out, no clock; Sync is not sent,
 //   because the frames
 //                     themselves are the time. A full record queue makes the loop wait instead of
@@ -61,8 +65,8 @@ struct LoopCounters {
   std::int64_t late_frames = 0;
   std::int64_t duplicate_frames = 0;
   std::int64_t invalid_frames = 0;
-  std::int64_t deadline_overruns =
-      0;  // arrival to sent took longer than a period, or a sync grid point was skipped
+  std::int64_t deadline_overruns = 0;  // arrival to sent (or to being superseded) took over a
+                                       // period, or a grid point was skipped
   std::int64_t send_errors = 0;
   std::int64_t confirmed_frames = 0;
   std::int64_t ignored_frames = 0;
@@ -130,6 +134,7 @@ class ControlLoop {
   void send_sync() noexcept;
   void start_nodes() noexcept;
   void miss_deadline() noexcept;
+  std::int32_t starved_periods(std::int64_t woken_at) noexcept;
   std::int64_t bus_now() const noexcept;
   void sleep_until(std::int64_t instant) const noexcept;
   void come_to_rest() noexcept;
@@ -143,6 +148,7 @@ class ControlLoop {
   const control::ControllerConfig& config_;
   const LoopSettings settings_;
   const std::int64_t period_ns_;
+  const std::int64_t timeout_periods_;  // safety.encoder_timeout_s
   control::ControlCycle cycle_;
   MonitoredBus bus_;
 
@@ -152,7 +158,8 @@ class ControlLoop {
   std::int64_t late_until_ =
       0;  // CLOCK_MONOTONIC: a frame before it belongs to a period that is over
   bool frame_ever_seen_ = false;
-  std::int32_t new_overruns_ = 0;  // since the last cycle
+  std::int32_t new_overruns_ = 0;    // since the last cycle
+  std::int64_t last_cycle_at_ = -1;  // CLOCK_MONOTONIC: its thread woke up; -1: no cycle yet
   control::Frame last_frame_;
   std::uint64_t sync_counter_ = 0;
 

@@ -4,8 +4,12 @@
 #include <gtest/gtest.h>
 #include <linux/can.h>
 #include <poll.h>
+#include <pthread.h>
+#include <signal.h>
 #include <sys/socket.h>
+#include <time.h>
 
+#include <atomic>
 #include <chrono>
 #include <cstring>
 #include <memory>
@@ -22,6 +26,35 @@ namespace {
 using control::Mode;
 using control::OperatorAction;
 using std::chrono::milliseconds;
+
+// Holds a thread in a signal handler, as a scheduler does that gives it no time.
+class StarvedThread {
+ public:
+  explicit StarvedThread(std::thread& thread) {
+    released_ = false;
+    held_ = false;
+    struct sigaction action {};
+    action.sa_handler = hold;
+    EXPECT_EQ(::sigaction(SIGUSR1, &action, nullptr), 0);
+    EXPECT_EQ(::pthread_kill(thread.native_handle(), SIGUSR1), 0);
+    while (!held_) pause();
+  }
+  ~StarvedThread() { released_ = true; }
+  StarvedThread(const StarvedThread&) = delete;
+  StarvedThread& operator=(const StarvedThread&) = delete;
+
+ private:
+  static void pause() {
+    const timespec limit{0, 1'000'000};
+    ::nanosleep(&limit, nullptr);
+  }
+  static void hold(int) {
+    held_ = true;
+    while (!released_) pause();
+  }
+  static inline std::atomic<bool> held_{false};
+  static inline std::atomic<bool> released_{false};
+};
 
 class ControlLoopTest : public ::testing::Test {
  protected:
@@ -308,6 +341,70 @@ TEST_F(ControlLoopTest, SyncGoesOutOnAGridAndTheAnswerStartsTheCycle) {
   }
   stop();
   EXPECT_EQ(loop_->counters().cycles, 5);
+}
+
+// The counter of four bits stands where it stood, or one further, or no frame waits.
+TEST(StarvedCycle, SeesAnEncoderTimeoutWhateverTheCounterSays) {
+  const control::ControllerConfig config = testing::toy_config(0.001);
+  for (const std::uint64_t advance : {0u, 16u, 17u}) {
+    control::ControlCycle cycle(config);
+    control::CycleInput input;
+    input.bus.queue_proved_empty = true;
+    std::uint64_t counter = 0;
+    const auto step = [&](std::uint64_t by) {
+      counter += by;
+      const auto frame = control::encode_encoder_frame(config.encoder, 0.0, 0.0, counter, 0);
+      input.encoder_frame = by > 0 ? &frame : nullptr;
+      return cycle.step(input).record;
+    };
+    step(1);
+    input.action = OperatorAction::kArm;
+    step(1);
+    input.action = OperatorAction::kNone;
+    const control::CycleRecord before = step(1);
+    ASSERT_EQ(before.mode, Mode::kActive);
+    input.starved_periods = 20;
+    const control::CycleRecord after = step(advance);
+    EXPECT_EQ(after.fault, control::Fault::kEncoderTimeout) << advance;
+    EXPECT_NE(after.mode, Mode::kActive) << advance;
+    EXPECT_EQ(after.cycle, before.cycle + 21) << advance;
+  }
+}
+
+TEST_F(ControlLoopTest, AStarvedThreadDoesNotResume) {
+  for (const int frames : {16, 17}) {
+    open(0.02, false);
+    config_.safety.encoder_timeout_s = 0.2;
+    config_.safety.soft_stop_ramp_s = 0.0;
+    loop_ = std::make_unique<ControlLoop>(*bus_, config_, LoopSettings{});
+    order(OperatorAction::kArm, 1);
+    start();
+    bool enabled = false;
+    for (int i = 0; i < 100 && !enabled; ++i) {
+      put_encoder();
+      enabled = control::extract_bits(command().data, config_.valve_command.enable) != 0;
+      std::this_thread::sleep_for(milliseconds(18));
+    }
+    ASSERT_TRUE(enabled);
+    {
+      const StarvedThread starved(thread_);
+      for (int i = 0; i < frames; ++i) put_encoder();
+      std::this_thread::sleep_for(milliseconds(300));
+      while (next(milliseconds(0))) {
+      }
+    }
+    EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 0u);
+    for (int i = 0; i < 5; ++i) {
+      put_encoder();
+      EXPECT_EQ(control::extract_bits(command().data, config_.valve_command.enable), 0u);
+    }
+    const LoopRecord newest = loop_->newest();
+    EXPECT_EQ(newest.cycle.fault, control::Fault::kEncoderTimeout);
+    EXPECT_EQ(newest.cycle.mode, Mode::kFault);
+    EXPECT_GE(loop_->counters().superseded_frames, frames - 1);
+    EXPECT_GE(loop_->counters().deadline_overruns, 10);
+    stop();
+  }
 }
 
 TEST_F(ControlLoopTest, AVanishedBusIsCountedAndDoesNotSpin) {
