@@ -68,6 +68,10 @@ void BusMonitor::on_error_frame(const ErrorReport& report) noexcept {
   }
   if (report.restarted) {
     ++counters_.restarts;
+    if (!bus_off_) {  // its own frame was lost, or a driver never sends one
+      ++counters_.bus_offs;
+      happened_.bus_off = true;
+    }
     bus_off_ = false;
     passive_ = false;
     give_up_frame();  // what was sent during bus-off is silently lost
@@ -111,10 +115,18 @@ bool BusMonitor::admit(const Command& command, std::int64_t now_ns) noexcept {
   if (in_flight_) {
     ++counters_.withheld_commands;
     kept_ = command;
+    kept_.kept_at = now_ns;
     has_kept_ = true;
     return false;
   }
-  return proved_empty_ || (!command.enabled && tells_apart(command.frame));
+  const bool waited = command.kept_at != kNotKept;
+  // A running loop replaces a kept command every period; an older one is of a loop that slept.
+  const bool outdated =
+      waited && command.enabled && now_ns - command.kept_at > period_ns_ + period_ns_ / 2;
+  const bool admitted =
+      !outdated && (proved_empty_ || (!command.enabled && tells_apart(command.frame)));
+  counters_.withheld_commands += admitted || waited ? 0 : 1;
+  return admitted;
 }
 
 void BusMonitor::on_sent(const Command& command, std::int64_t now_ns) noexcept {

@@ -3,8 +3,9 @@
 //
 //   one in flight   A command waits for its confirmation (MSG_CONFIRM) before the next one is
 //                   handed to the kernel; meanwhile the newest wanted one is kept, older ones are
-//                   dropped. With nobody to acknowledge, a kernel without this rule keeps a dozen
-//                   commands and delivers them whenever a node comes back, whoever still lives.
+//                   dropped, an enabled one after 1.5 periods, too. With nobody to acknowledge, a
+//                   kernel without this rule keeps a dozen commands and delivers them whenever a
+//                   node comes back, whoever still lives.
 //   stale queue     After the start, link up and bus-off an older command may still wait in the
 //                   interface. Then only disabled commands go out, and the queue is proved empty
 //                   once one of them was confirmed: a queue keeps its order. Such a probe must
@@ -31,7 +32,7 @@ struct BusCounters {
   std::int64_t passives = 0;          // times the controller became error passive
   std::int64_t not_acknowledged = 0;  // error frames that said so
   std::int64_t controller_overflows = 0;
-  std::int64_t withheld_commands = 0;    // periods whose command waited for a confirmation
+  std::int64_t withheld_commands = 0;    // periods whose command was kept or refused
   std::int64_t lost_confirmations = 0;   // given up after kLost
   std::int64_t stray_confirmations = 0;  // of a frame that was given up before
   std::int64_t foreign_commands = 0;     // somebody else sends our identifiers
@@ -42,9 +43,12 @@ class BusMonitor {
   // Longer than any frame waits on a bus that others use: 7,000 frames at 1 Mbit/s.
   static constexpr std::int64_t kLostNs = 1'000'000'000;
 
+  static constexpr std::int64_t kNotKept = -1;
+
   struct Command {
     control::Frame frame;
-    bool enabled = false;  // the enable bit as it stands in the frame
+    bool enabled = false;             // the enable bit as it stands in the frame
+    std::int64_t kept_at = kNotKept;  // set by the monitor when the command has to wait
   };
 
   BusMonitor(std::int64_t period_ns, bool confirms) noexcept;
@@ -64,7 +68,7 @@ class BusMonitor {
   bool admit_sync(std::int64_t now_ns) const noexcept;
   void on_sync_sent(const control::Frame& sync, std::int64_t now_ns) noexcept;
 
-  // An own frame came back. True: a kept command may go out now; it is in `kept`.
+  // An own frame came back. True: a kept command may be admitted now; it is in `kept`.
   bool on_confirmed(const control::Frame& frame, Command& kept) noexcept;
 
   // As of `now_ns`; what happened and is over is told once.

@@ -97,6 +97,25 @@ TEST_F(BusMonitorTest, TheNewestWantedCommandFollowsTheConfirmation) {
   EXPECT_FALSE(monitor_.in_flight());
 }
 
+TEST_F(BusMonitorTest, AnEnabledCommandIsKeptForOneAndAHalfPeriodsOnly) {
+  for (const bool enabled : {true, false}) {
+    for (const bool late : {true, false}) {
+      prove();
+      ASSERT_TRUE(command(true));
+      EXPECT_FALSE(command(enabled));
+      ASSERT_TRUE(confirm());
+      now_ += kPeriod + kPeriod / 2 + (late ? 1 : 0);
+      EXPECT_EQ(monitor_.admit(kept_, now_), !(enabled && late));
+    }
+  }
+  EXPECT_EQ(monitor_.counters().withheld_commands, 4);
+}
+
+TEST_F(BusMonitorTest, ACommandRefusedBeforeTheProofIsWithheld) {
+  EXPECT_FALSE(command(true));
+  EXPECT_EQ(monitor_.counters().withheld_commands, 1);
+}
+
 TEST_F(BusMonitorTest, UnconfirmedPeriodsAreCountedFromTheSending) {
   prove();
   EXPECT_EQ(monitor_.health(now_).unconfirmed_periods, 0);
@@ -158,6 +177,20 @@ TEST_F(BusMonitorTest, BusOffNeedsARestartAndAProbe) {
   EXPECT_TRUE(monitor_.health(now_).queue_proved_empty);
   EXPECT_FALSE(monitor_.stale_command_possible(now_));
   EXPECT_TRUE(command(true));
+}
+
+TEST_F(BusMonitorTest, ARestartTellsOfTheBusOffNobodyTold) {
+  prove();
+  ASSERT_TRUE(command(true));
+  monitor_.on_error_frame(restarted());
+  EXPECT_TRUE(monitor_.take_health(now_).bus_off);
+  EXPECT_FALSE(monitor_.take_health(now_).bus_off);
+  EXPECT_EQ(monitor_.counters().bus_offs, 1);
+  monitor_.on_error_frame(bus_off());
+  EXPECT_TRUE(monitor_.take_health(now_).bus_off);
+  monitor_.on_error_frame(restarted());
+  EXPECT_FALSE(monitor_.take_health(now_).bus_off);
+  EXPECT_EQ(monitor_.counters().bus_offs, 2);
 }
 
 TEST_F(BusMonitorTest, AReplayedCommandProvesNothing) {
