@@ -2,6 +2,8 @@
 
 #include <linux/can/error.h>
 
+#include <algorithm>
+
 namespace eampc::realtime {
 namespace {
 
@@ -9,6 +11,7 @@ constexpr std::uint8_t kPassiveBits = CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_
 constexpr std::uint8_t kWarningBits = CAN_ERR_CRTL_RX_WARNING | CAN_ERR_CRTL_TX_WARNING;
 // ISO 11898-1: error passive from 128 on. Written out because older headers have no name for it.
 constexpr std::uint8_t kPassiveFrom = 128;
+constexpr std::uint8_t kWarningFrom = 96;
 // Linux 5.19 added the flag; before, a driver filled the counters in without saying so.
 constexpr std::uint32_t kCountersFlag = 0x200u;
 
@@ -30,8 +33,8 @@ ErrorReport decode_error_frame(const control::Frame& frame) noexcept {
     report.has_counters =
         counters_said || report.transmit_errors != 0 || report.receive_errors != 0;
   }
-  const bool above = report.has_counters && (report.transmit_errors >= kPassiveFrom ||
-                                             report.receive_errors >= kPassiveFrom);
+  const std::uint8_t higher = std::max(report.transmit_errors, report.receive_errors);
+  const bool above = report.has_counters && higher >= kPassiveFrom;
   if ((kind & CAN_ERR_CRTL) != 0) {
     const std::uint8_t bits = frame.data[1];
     report.receive_overflow = (bits & CAN_ERR_CRTL_RX_OVERFLOW) != 0;
@@ -44,6 +47,11 @@ ErrorReport decode_error_frame(const control::Frame& frame) noexcept {
     }
   } else if (above) {
     report.state = ErrorState::kPassive;
+  }
+  // A recovery may be told by the counters alone; where nobody says that they are filled in, low
+  // ones say nothing.
+  if (counters_said && report.state == ErrorState::kUnsaid) {
+    report.state = higher >= kWarningFrom ? ErrorState::kWarning : ErrorState::kActive;
   }
   return report;
 }

@@ -60,10 +60,22 @@ TEST(ErrorFrame, CountersSayPassiveToo) {
   const ErrorReport flagged =
       decode_error_frame(error_frame(0x200u | CAN_ERR_PROT, {0, 0, 0, 0, 0, 0, 127, 127}));
   EXPECT_TRUE(flagged.has_counters);
-  EXPECT_EQ(flagged.state, ErrorState::kUnsaid);
+  EXPECT_EQ(flagged.state, ErrorState::kWarning);
   // Bytes 6 and 7 of an arbitration report are nobody's counters.
   EXPECT_FALSE(
       decode_error_frame(error_frame(CAN_ERR_LOSTARB, {0, 0, 0, 0, 0, 0, 200, 200})).has_counters);
+}
+
+TEST(ErrorFrame, CountersAloneTellARecoveryWhereTheyAreSaidToBeFilledIn) {
+  const auto state = [](std::uint32_t kind, std::uint8_t detail, std::uint8_t errors) {
+    return decode_error_frame(error_frame(kind, {0, detail, 0, 0, 0, 0, errors, 0})).state;
+  };
+  EXPECT_EQ(state(0x200u, 0, 95), ErrorState::kActive);
+  EXPECT_EQ(state(0x200u, 0, 96), ErrorState::kWarning);
+  EXPECT_EQ(state(0x200u, 0, 128), ErrorState::kPassive);
+  EXPECT_EQ(state(0x200u | CAN_ERR_CRTL, CAN_ERR_CRTL_UNSPEC, 95), ErrorState::kActive);
+  EXPECT_EQ(state(0x200u | CAN_ERR_CRTL, CAN_ERR_CRTL_TX_PASSIVE, 95), ErrorState::kPassive);
+  EXPECT_EQ(state(CAN_ERR_CRTL, CAN_ERR_CRTL_UNSPEC, 95), ErrorState::kUnsaid);
 }
 
 TEST(ErrorFrame, AMissingAcknowledgementHasTwoForms) {
