@@ -17,8 +17,13 @@ EncoderSupervision::EncoderSupervision(const ControllerConfig& config) noexcept
               : 0) {}
 
 FaultSet EncoderSupervision::check(EncoderSample& sample, std::int32_t elapsed_periods,
-                                   const ValveVoltages& sent) noexcept {
+                                   const ValveVoltages& sent, bool law_acts) noexcept {
   const SafetyConfig& safety = config_.safety;
+  const double command_V = 0.5 * (sent.u1_V - sent.u2_V);
+  if (!law_acts) {  // a joint that is let down or at rest may stand still
+    frozen_periods_ = 0;
+    command_at_change_V_ = command_V;
+  }
   FaultSet present;
   if (sample.verdict == SampleVerdict::kValid) {
     // Frames that only the counter misses were a silence like any other.
@@ -28,7 +33,7 @@ FaultSet EncoderSupervision::check(EncoderSample& sample, std::int32_t elapsed_p
     const std::int64_t lost = std::int64_t{sample.missed_frames} - invalid_run_;
     present.add(Fault::kEncoderCounterGap, lost > safety.encoder_counter_gap_max);
     periods_without_sample_ = std::min(periods_without_sample_ + elapsed_periods, timeout_periods_);
-    check_frozen(sample, elapsed_periods, sent);
+    check_frozen(sample, elapsed_periods, command_V);
     check_jump(sample, present);
     periods_without_sample_ = 0;
     invalid_run_ = 0;
@@ -70,8 +75,7 @@ void EncoderSupervision::check_jump(EncoderSample& sample, FaultSet& present) no
 }
 
 void EncoderSupervision::check_frozen(const EncoderSample& sample, std::int32_t elapsed_periods,
-                                      const ValveVoltages& sent) noexcept {
-  const double command_V = sent.enable ? 0.5 * (sent.u1_V - sent.u2_V) : 0.0;
+                                      double command_V) noexcept {
   if (!seen_ || sample.angle_rad != angle_rad_ || sample.velocity_rad_s != velocity_rad_s_) {
     command_at_change_V_ = command_V;
     frozen_periods_ = 0;

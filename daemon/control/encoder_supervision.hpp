@@ -1,9 +1,10 @@
 // In: the decoded encoder sample, periods passed, the command that was on the valves (V) → out:
 // which of the causes 1 to 8 hold. |Δθ| > ω_jump · Δt + margin is a jump; a value is frozen if θ
 // and θ̇ stay the same bit for bit while (u1 − u2)/2 stands further than encoder_frozen_command_V
-// from where it was at their last change, for encoder_frozen_s in all: a joint at rest under a
-// constant command never is, however noiseless its encoder. A counter that does not move on
-// (duplicates only) is frozen after encoder_timeout_s. Cost: constant. Absent: any action.
+// from where it was at their last change, for encoder_frozen_s in all, the law acting: a joint at
+// rest under a constant command never is, nor one in a stop, however noiseless its encoder. A
+// counter that does not move on (duplicates only) is frozen after encoder_timeout_s. Cost:
+// constant. Absent: any action.
 #pragma once
 
 #include "control/controller_config.hpp"
@@ -15,14 +16,14 @@ class EncoderSupervision {
   explicit EncoderSupervision(const ControllerConfig& config) noexcept;
 
   // Before the estimators: a valid sample that jumps becomes SampleVerdict::kJump.
-  // `sent`: the last command.
-  FaultSet check(EncoderSample& sample, std::int32_t elapsed_periods,
-                 const ValveVoltages& sent) noexcept;
+  // `sent`: the last command, the law's if `law_acts`.
+  FaultSet check(EncoderSample& sample, std::int32_t elapsed_periods, const ValveVoltages& sent,
+                 bool law_acts) noexcept;
 
  private:
   void check_jump(EncoderSample& sample, FaultSet& present) noexcept;
   void check_frozen(const EncoderSample& sample, std::int32_t elapsed_periods,
-                    const ValveVoltages& sent) noexcept;
+                    double command_V) noexcept;
   Fault cause_of_silence() const noexcept;
 
   const ControllerConfig& config_;

@@ -39,14 +39,14 @@ FaultDetection::FaultDetection(const ControllerConfig& config) noexcept
 
 FaultSet FaultDetection::check(EncoderSample& sample, const MonitorSample& monitor,
                                const BusHealth& bus, std::int32_t elapsed_periods,
-                               const ValveVoltages& sent) noexcept {
-  FaultSet present = encoder_.check(sample, elapsed_periods, sent);
-  check_bus(bus, elapsed_periods, present);
+                               const ValveVoltages& sent, bool law_acts) noexcept {
+  FaultSet present = encoder_.check(sample, elapsed_periods, sent, law_acts);
+  check_bus(bus, elapsed_periods, sent.enable, present);
   check_node(monitor, elapsed_periods, present);
   return present;
 }
 
-void FaultDetection::check_bus(const BusHealth& bus, std::int32_t elapsed_periods,
+void FaultDetection::check_bus(const BusHealth& bus, std::int32_t elapsed_periods, bool moving,
                                FaultSet& present) noexcept {
   const SafetyConfig& safety = config_.safety;
   present.add(Fault::kLinkDown, bus.link_down);
@@ -57,7 +57,14 @@ void FaultDetection::check_bus(const BusHealth& bus, std::int32_t elapsed_period
     passive_periods_ = 0;
   }
   present.add(Fault::kErrorPassive, passive_periods_ >= passive_limit_periods_);
-  present.add(Fault::kTxUnconfirmed, bus.unconfirmed_periods >= safety.tx_unconfirmed_periods);
+  // Nothing enabled leaves before the queue is proved empty: a moving joint gets no command.
+  if (moving && !bus.queue_proved_empty) {
+    count_up(unproved_periods_, elapsed_periods, safety.tx_unconfirmed_periods);
+  } else {
+    unproved_periods_ = 0;
+  }
+  present.add(Fault::kTxUnconfirmed, std::max(bus.unconfirmed_periods, unproved_periods_) >=
+                                         safety.tx_unconfirmed_periods);
   refused_frames_ =
       bus.send_refused ? std::min(refused_frames_ + 1, safety.send_refused_frames) : 0;
   present.add(Fault::kSendRefused, refused_frames_ >= safety.send_refused_frames);

@@ -15,12 +15,14 @@ class FaultDetection {
  public:
   explicit FaultDetection(const ControllerConfig& config) noexcept;
 
-  // `sample` as EncoderSupervision::check; `sent`: the last command.
+  // `sample` as EncoderSupervision::check; `sent`: the last command, the
+  // law's if `law_acts`.
   FaultSet check(EncoderSample& sample, const MonitorSample& monitor, const BusHealth& bus,
-                 std::int32_t elapsed_periods, const ValveVoltages& sent) noexcept;
+                 std::int32_t elapsed_periods, const ValveVoltages& sent, bool law_acts) noexcept;
 
  private:
-  void check_bus(const BusHealth& bus, std::int32_t elapsed_periods, FaultSet& present) noexcept;
+  void check_bus(const BusHealth& bus, std::int32_t elapsed_periods, bool moving,
+                 FaultSet& present) noexcept;
   void check_node(const MonitorSample& monitor, std::int32_t elapsed_periods,
                   FaultSet& present) noexcept;
   bool supply_is_good(const MonitorSample& monitor) const noexcept;
@@ -35,6 +37,7 @@ class FaultDetection {
   EncoderSupervision encoder_;
   OverrunWindow overruns_;
   std::int32_t passive_periods_ = 0;
+  std::int32_t unproved_periods_ = 0;
   std::int32_t refused_frames_ = 0;
   std::int32_t silent_node_periods_;  // from the start: a node never heard is lost
   std::int32_t doubtful_supply_periods_;

@@ -25,12 +25,12 @@ SafetyState Safety::state() const noexcept {
 
 SafetyState Safety::advance(const SafetyInput& input, EncoderSample& sample) noexcept {
   same_period_ = input.elapsed_periods == 0;
-  present_ =
-      detection_.check(sample, input.monitor, input.bus, input.elapsed_periods, guard_.last());
+  const bool acted = machine_.law_acts();
+  present_ = detection_.check(sample, input.monitor, input.bus, input.elapsed_periods,
+                              guard_.last(), acted);
   // One refused or unconfirmed frame is no fault yet, but no moment to arm either.
   const bool queue_proved_empty =
       input.bus.queue_proved_empty && !input.bus.send_refused && input.bus.unconfirmed_periods == 0;
-  const bool acted = machine_.law_acts();
   machine_.advance(present_, input.action, sample.verdict == SampleVerdict::kValid,
                    queue_proved_empty, input.elapsed_periods, guard_.last());
   law_begins_ = machine_.law_acts() && !acted;

@@ -20,19 +20,20 @@ class EncoderSupervisionTest : public testing::Test {
     sample.angle_rad = angle_rad;
     sample.velocity_rad_s = velocity_rad_s;
     const FaultSet present =
-        supervision_.check(sample, elapsed, {5.0 + command_V, 5.0 - command_V, true});
+        supervision_.check(sample, elapsed, {5.0 + command_V, 5.0 - command_V, true}, law_acts_);
     verdict_ = sample.verdict;
     return present;
   }
 
   FaultSet miss() {
     EncoderSample sample;
-    return supervision_.check(sample, 1, {5.0, 5.0, true});
+    return supervision_.check(sample, 1, {5.0, 5.0, true}, law_acts_);
   }
 
   ReferenceJoint joint_ = monitored_joint();
   EncoderSupervision supervision_{joint_.config};
   SampleVerdict verdict_ = SampleVerdict::kMissing;
+  bool law_acts_ = true;
 };
 
 TEST_F(EncoderSupervisionTest, AJointAtRestUnderAConstantCommandIsNotFrozen) {
@@ -57,13 +58,32 @@ TEST_F(EncoderSupervisionTest, AVelocityThatChangesIsNotFrozen) {
   for (int k = 0; k < 200; ++k) ASSERT_TRUE(see(0.2, 0.02 * k, 1, 0.001 * (k % 2)).empty());
 }
 
+// A joint that a friction holds, an encoder without noise: in a stop and at rest that is no fault.
+TEST_F(EncoderSupervisionTest, WithoutTheLawNothingIsFrozen) {
+  see(0.2, 2.0);
+  law_acts_ = false;
+  for (int k = 0; k < 20; ++k) ASSERT_TRUE(see(0.2, 2.0 - 0.1 * k).empty()) << k;
+  for (int k = 0; k < 1000; ++k) ASSERT_TRUE(see(0.2, 0.0).empty()) << k;
+  law_acts_ = true;  // judged anew, from the command with which the law began
+  for (int k = 0; k < 100; ++k) ASSERT_TRUE(see(0.2, 0.49).empty()) << k;
+}
+
+TEST_F(EncoderSupervisionTest, FrozenEndsWithTheLaw) {
+  see(0.2, 0.0);
+  for (int k = 0; k < 20; ++k) see(0.2, 1.0);
+  ASSERT_TRUE(see(0.2, 1.0).has(Fault::kEncoderFrozen));
+  law_acts_ = false;
+  EXPECT_TRUE(miss().empty());
+  EXPECT_TRUE(see(0.2, 0.0).empty());
+}
+
 TEST_F(EncoderSupervisionTest, ZeroSwitchesFrozenOff) {
   joint_.config.safety.encoder_frozen_s = 0.0;
   EncoderSupervision off(joint_.config);
   for (int k = 0; k < 1000; ++k) {
     EncoderSample sample;
     sample.verdict = SampleVerdict::kValid;
-    ASSERT_TRUE(off.check(sample, 1, {10.0 * (k % 2), 0.0, true}).empty());
+    ASSERT_TRUE(off.check(sample, 1, {10.0 * (k % 2), 0.0, true}, true).empty());
   }
 }
 
@@ -105,11 +125,11 @@ TEST_F(EncoderSupervisionTest, AGapAboveItsMaximumIsToldOnce) {
   EncoderSample sample;
   sample.verdict = SampleVerdict::kValid;
   sample.missed_frames = 1;
-  EXPECT_FALSE(supervision_.check(sample, 1, {}).has(Fault::kEncoderCounterGap));
+  EXPECT_FALSE(supervision_.check(sample, 1, {}, true).has(Fault::kEncoderCounterGap));
   sample.missed_frames = 2;
-  EXPECT_TRUE(supervision_.check(sample, 1, {}).has(Fault::kEncoderCounterGap));
+  EXPECT_TRUE(supervision_.check(sample, 1, {}, true).has(Fault::kEncoderCounterGap));
   sample.missed_frames = 0;
-  EXPECT_TRUE(supervision_.check(sample, 1, {}).empty());
+  EXPECT_TRUE(supervision_.check(sample, 1, {}, true).empty());
 }
 
 // The counter runs on behind frames that came, but could not be believed.
@@ -117,15 +137,15 @@ TEST_F(EncoderSupervisionTest, FramesThatCameDamagedAreNotLost) {
   see(0.0);
   EncoderSample bad;
   bad.verdict = SampleVerdict::kBadCrc;
-  supervision_.check(bad, 1, {});
-  supervision_.check(bad, 1, {});
+  supervision_.check(bad, 1, {}, true);
+  supervision_.check(bad, 1, {}, true);
   EncoderSample sample;
   sample.verdict = SampleVerdict::kValid;
   sample.missed_frames = 3;  // two damaged, one lost
-  EXPECT_TRUE(supervision_.check(sample, 1, {}).empty());
-  supervision_.check(bad, 1, {});
+  EXPECT_TRUE(supervision_.check(sample, 1, {}, true).empty());
+  supervision_.check(bad, 1, {}, true);
   sample.missed_frames = 3;  // one damaged, two lost
-  EXPECT_TRUE(supervision_.check(sample, 1, {}).has(Fault::kEncoderCounterGap));
+  EXPECT_TRUE(supervision_.check(sample, 1, {}, true).has(Fault::kEncoderCounterGap));
 }
 
 TEST_F(EncoderSupervisionTest, OnlyBitsOfTheMaskAreAFailure) {
@@ -133,7 +153,8 @@ TEST_F(EncoderSupervisionTest, OnlyBitsOfTheMaskAreAFailure) {
   sample.verdict = SampleVerdict::kValid;
   for (std::uint32_t status = 0; status < 16; ++status) {
     sample.status_raw = status;
-    EXPECT_EQ(supervision_.check(sample, 1, {}).has(Fault::kEncoderStatus), (status & 0x6) != 0);
+    EXPECT_EQ(supervision_.check(sample, 1, {}, true).has(Fault::kEncoderStatus),
+              (status & 0x6) != 0);
   }
 }
 
@@ -142,16 +163,16 @@ TEST_F(EncoderSupervisionTest, ASilenceIsNamedAfterWhatCameInstead) {
   EncoderSample bad;
   see(0.0);
   bad.verdict = SampleVerdict::kBadCrc;
-  supervision_.check(bad, 1, {});
+  supervision_.check(bad, 1, {}, true);
   miss();
   miss();
   EXPECT_TRUE(miss().has(Fault::kEncoderCrc));
   see(0.0);
   bad.verdict = SampleVerdict::kWrongLength;
-  supervision_.check(bad, 1, {});
-  supervision_.check(bad, 1, {});
+  supervision_.check(bad, 1, {}, true);
+  supervision_.check(bad, 1, {}, true);
   bad.verdict = SampleVerdict::kOutOfRange;
-  const FaultSet present = supervision_.check(bad, 1, {});
+  const FaultSet present = supervision_.check(bad, 1, {}, true);
   EXPECT_TRUE(present.has(Fault::kEncoderOutOfRange));
   EXPECT_FALSE(present.has(Fault::kEncoderLength));
 }

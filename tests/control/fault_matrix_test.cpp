@@ -365,7 +365,7 @@ TEST(FaultMatrix, ASilentStopButtonIsPressed) {
     EncoderSample sample;
     MonitorSample monitor;
     monitor.e_stop_released = released;
-    return detection.check(sample, monitor, {}, 1, {}).has(Fault::kEStop);
+    return detection.check(sample, monitor, {}, 1, {}, false).has(Fault::kEStop);
   };
   EXPECT_TRUE(stopped(false));  // never heard
   for (int round = 0; round < 3; ++round) {
