@@ -11,6 +11,7 @@ void ModeMachine::advance(FaultSet present, OperatorAction action, bool sample_i
                           bool queue_proved_empty, std::int32_t elapsed_periods,
                           const ValveVoltages& last) noexcept {
   if (mode_ == Mode::kInit && sample_is_valid) mode_ = Mode::kDisarmed;
+  if (mode_ != Mode::kSoftStop) law_commanded_ = law_acts();
   let_time_pass(elapsed_periods);
   raise(present, last);
   obey(action, present, queue_proved_empty, last);
@@ -47,9 +48,8 @@ void ModeMachine::raise(FaultSet present, const ValveVoltages& last) noexcept {
 }
 
 void ModeMachine::begin_stop(StopAction action, const ValveVoltages& last) noexcept {
-  // Up to the bias first would add pressure on the way down.
-  const bool below_bias = mode_ == Mode::kArming && !arming_.law_acts();
-  stop_.begin(below_bias && action == StopAction::kSoftStop ? StopAction::kVentRamp : action, last);
+  // Below the bias a soft stop, and the one that ends a hold, would add pressure on the way down.
+  stop_.begin(law_commanded_ ? action : StopAction::kVentRamp, last);
   mode_ = Mode::kSoftStop;
   rest_if_stopped();
 }

@@ -9,8 +9,9 @@
 //
 // Up only by an operator's edge, down by itself, never an automatic resume. The first cause stands
 // until reset; a later one only makes the stop stronger (saturate < soft_stop < vent_ramp <
-// immediate). At rest nothing is latched: what is wrong there keeps the joint from being armed.
-// Cost: constant. Absent: what a cause is (fault_detection), voltages' limits (voltage_guard).
+// immediate); one that begins before the law commanded the valves only vents. At rest nothing is
+// latched: what is wrong there keeps the joint from being armed. Cost: constant. Absent: what a
+// cause is (fault_detection), voltages' limits (voltage_guard).
 #pragma once
 
 #include "control/arming.hpp"
@@ -65,6 +66,7 @@ class ModeMachine {
   Arming arming_;
   StopRamp stop_;
   Mode mode_ = Mode::kInit;
+  bool law_commanded_ = false;  // the command before this cycle; in a stop, the one before it
   Fault fault_ = Fault::kNone;
   Refusal refusal_ = Refusal::kNone;
   Fault refusal_cause_ = Fault::kNone;

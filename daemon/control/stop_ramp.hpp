@@ -1,7 +1,7 @@
 // The way down. In: where the voltages are, how to stop, periods passed → out: both voltages (V).
 // Phases of safety.soft_stop_ramp_s each: hold (saturate only), to valve.bias_V (not for
-// vent_ramp), to valve.safe_V. Cost: constant. Absent: why (mode_machine); the immediate stop,
-// which has no way.
+// vent_ramp), to valve.safe_V. Cost: constant. Absent: why, and where a soft stop would raise a
+// voltage (mode_machine); the immediate stop, which has no way.
 #pragma once
 
 #include "control/controller_config.hpp"

@@ -86,5 +86,27 @@ TEST_F(FaultDetectionTest, AJointHeldStillMayBeDisarmedAndArmedAgain) {
   EXPECT_EQ(record.refusal, Refusal::kNone);
 }
 
+// Lost frames may end the ramp and tell of the silence in one cycle, the valves still far below.
+TEST_F(FaultDetectionTest, AStopAfterASilenceOnTheArmingRampOnlyVents) {
+  for (const StopAction action : {StopAction::kSaturate, StopAction::kSoftStop}) {
+    joint_.config.safety.actions[Fault::kEncoderTimeout] = action;
+    step();
+    step(OperatorAction::kArm);
+    ValveVoltages last = step().valves;
+    ASSERT_LT(last.u1_V, 1.1);
+    counter_ += 12;
+    CycleRecord record = step();
+    ASSERT_EQ(record.fault, Fault::kEncoderTimeout);
+    for (int k = 0; k < 40; ++k) {
+      ASSERT_LE(record.valves.u1_V, last.u1_V);
+      ASSERT_LE(record.valves.u2_V, last.u2_V);
+      last = record.valves;
+      record = step();
+    }
+    EXPECT_EQ(record.mode, Mode::kFault);
+    ASSERT_EQ(step(OperatorAction::kReset).mode, Mode::kDisarmed);
+  }
+}
+
 }  // namespace
 }  // namespace eampc::control
