@@ -50,9 +50,9 @@ ANGLE_RAD = 0.3
 FINAL_ERROR_RAD = 0.5e-3  # tolerance of the reference rig's scenario with this very reference
 # daemon/control/fault.hpp. A link on its way down loses frames before it says that it is down.
 LINK_DOWN = {12, 13}
-# With the node go its heartbeat and its pressure; user-mode Linux, which tears a killed process
-# down before it does anything else, may also confirm a command too late.
-ENCODER_SILENT = {1, 12, 15, 17}
+# With the node go its heartbeat, its pressure and its emergency stop; user-mode Linux, which tears
+# a killed process down before it does anything else, may also confirm a command too late.
+ENCODER_SILENT = {1, 12, 15, 17, 19}
 
 
 @pytest.fixture(scope="module")
