@@ -23,7 +23,7 @@ def stop_frames(
 
     last_V      voltages of the frame before
     begins      period (0: the first row) → action that begins there if it is the stronger one
-    below_bias  the arming ramp was still on its way up: a soft stop goes straight down
+    below_bias  the arming ramp was still on its way up: saturate and soft_stop go straight down
     """
     periods = round(rig.safety.soft_stop_ramp_s / rig.control.period_s)
     bias, safe = rig.valve.bias_V, rig.valve.safe_V
@@ -36,7 +36,7 @@ def stop_frames(
         action = begins.get(row)
         if action is not None and not at_rest:
             wanted = STRENGTH.index(action)
-            if below_bias and row == 0 and action == "soft_stop":
+            if below_bias and row == 0 and action in ("saturate", "soft_stop"):
                 wanted = STRENGTH.index("vent_ramp")
             # The phase that ended with the period before is over when the action is weighed.
             phase, done, start = _passed(phase, done, start, periods, bias)
