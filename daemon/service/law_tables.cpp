@@ -10,6 +10,11 @@
 namespace eampc::service {
 namespace {
 
+// Length of the fold's normal, largest entry: products with parameters must neither vanish nor
+// overflow, or the evaluator and its proof would see different halves of the box.
+constexpr double kLeastFold = 1e-100;
+constexpr double kGreatestFold = 1e100;
+
 constexpr std::size_t kMostFlatPlanes = 64;
 
 using Defect = std::optional<LawTablesDefect>;
@@ -48,6 +53,11 @@ Defect numbers_defect(const LawTables& t) {
        {std::pair("piece_gain", &t.piece_gain), std::pair("piece_offset", &t.piece_offset),
         std::pair("evaluator.hyperplanes", &t.hyperplanes), std::pair("evaluator.fold", &t.fold)}) {
     if (!finite(*values)) return defect(key, "holds a number that is not finite");
+  }
+  double fold = 0.0;
+  for (const double entry : t.fold) fold = std::max(fold, std::abs(entry));
+  if (fold != 0.0 && (fold < kLeastFold || fold > kGreatestFold)) {
+    return defect("evaluator.fold", "is neither zero nor a normal of ordinary length");
   }
   return std::nullopt;
 }

@@ -118,6 +118,9 @@ class RandomLaw {
     t.n_parameters = np;
     t.flat = flat;
     t.fold.assign(np_of(t), 0.0);
+    if (below(2) == 0) {
+      for (double& f : t.fold) f = number();
+    }
     const int pieces = 20 + below(40);
     for (int i = 0; i < pieces; ++i) {
       for (int j = 0; j < np; ++j) t.piece_gain.push_back(number());

@@ -185,6 +185,9 @@ TEST(LawSymmetry, AFoldThatWasTurnedIsNotProved) {
   EXPECT_FALSE(evaluated());
   tables.fold.assign(fold.size(), 0.0);
   EXPECT_FALSE(evaluated());
+  // Its square vanishes; the evaluator would still fold.
+  tables.fold[0] = 1e-170;
+  EXPECT_THROW(evaluated(), std::invalid_argument);
 }
 
 }  // namespace

@@ -145,6 +145,10 @@ TEST(LawTablesSection, TableOfDefects) {
        [](Tree& e) {
          e["fold"] = vector({0, 0});
        }},
+      {"law.evaluator.fold is neither zero nor",
+       [](Tree& e) {
+         e["fold"] = vector({0, 1e-170, 0, 0, 0});
+       }},
       {"law.evaluator.leaf_care and leaf_bits belong",
        [](Tree& e) {
          e["leaf_care"] = nodes({0, 0}, 2);

@@ -116,9 +116,10 @@ LawInTables law_in_tables(const LawTables& tables, const CertificateProblem& pro
     norm += law.fold[j] * law.fold[j];
   }
   norm = std::sqrt(norm);
-  law.folded = norm > 0.0;
+  law.folded =
+      std::any_of(tables.fold.begin(), tables.fold.end(), [](double a) { return a != 0.0; });
   if (law.folded) {
-    require(std::isfinite(norm), "certificate: the fold holds a number that is not finite");
+    require(std::isnormal(norm), "certificate: the fold's normal has no length that can be used");
     require(problem.centre.isZero(0.0) && output.y_min == -output.y_max,
             "certificate: the law is folded, but its box or its range is not symmetric about 0");
     for (double& a : law.fold) a /= norm;
