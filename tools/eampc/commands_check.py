@@ -38,9 +38,9 @@ def check(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Is the bus, this machine and every node ready? Listens only; nothing is sent.
+    """Is everything ready: bus, machine, nodes?
 
-    Interface state, bit rate and counters, frames that still wait in its queue, real-time limits,
+    Listens only; nothing is sent. Interface state, bit rate and counters, frames that still wait in its queue, real-time limits,
     every message of the rig with rate, jitter, counter gaps and CRC errors, supply pressure; what
     is not as it should be comes with what to do. Exit status 1 if anything is not.
     """
