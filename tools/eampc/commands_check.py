@@ -40,9 +40,10 @@ def check(
 ) -> None:
     """Is everything ready: bus, machine, nodes?
 
-    Listens only; nothing is sent. Interface state, bit rate and counters, frames that still wait in its queue, real-time limits,
-    every message of the rig with rate, jitter, counter gaps and CRC errors, supply pressure; what
-    is not as it should be comes with what to do. Exit status 1 if anything is not.
+    Listens only; nothing is sent. Interface state, bit rate and counters, frames that still wait in
+    its queue, real-time limits, every message of the rig with rate, jitter, counter gaps and CRC
+    errors, supply pressure; what is not as it should be comes with what to do. Exit status 1 if
+    anything is not.
     """
     findings = _look(
         rig, variant, changes, bus if ":" in bus else f"socketcan:{bus}", seconds, socket
