@@ -57,16 +57,21 @@ def release_and_count(seen) -> list[bytes]:
     return seen.commands()[before:]
 
 
+def send_and_die() -> None:
+    """Twenty commands of a sender that knows no rule, and is killed when they are handed over."""
+    sender = subprocess.Popen(
+        [sys.executable, "-c", BARE_SENDER, INTERFACE], stdout=subprocess.PIPE
+    )
+    assert sender.stdout.readline() == b"sent\n"
+    sender.kill()
+    sender.wait()
+
+
 def test_without_the_rule_every_command_is_replayed(plugged, tmp_path):
     """What the rule is for, shown once with a sender that knows none."""
     with witness(tmp_path / "bus.log") as seen:
         plug("block")
-        sender = subprocess.Popen(
-            [sys.executable, "-c", BARE_SENDER, INTERFACE], stdout=subprocess.PIPE
-        )
-        assert sender.stdout.readline() == b"sent\n"
-        sender.kill()
-        sender.wait()
+        send_and_die()
         time.sleep(0.5)
         assert seen.commands() == []
         assert release_and_count(seen) == [bytes([i] * 8) for i in range(20)]
@@ -132,12 +137,7 @@ def test_two_bus_offs_within_a_second_replay_nothing(plugged, tmp_path):
 def test_what_an_earlier_process_left_is_purged_at_the_start(plugged, tmp_path):
     with witness(tmp_path / "bus.log") as seen:
         plug("block")
-        sender = subprocess.Popen(
-            [sys.executable, "-c", BARE_SENDER, INTERFACE], stdout=subprocess.PIPE
-        )
-        assert sender.stdout.readline() == b"sent\n"
-        sender.kill()
-        sender.wait()
+        send_and_die()
         with (
             JointThread(),
             Daemon(
